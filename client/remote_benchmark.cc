@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <string_view>
 #include <utility>
 
 #include "client/client.h"
@@ -12,32 +11,6 @@ namespace b4mrl {
 namespace {
 
 constexpr uint64_t kHeldOutSeed = 1;  // of `b4mrl evaluate`; evaluations in training have seed 0
-
-// Sets to 0 what the argument of "hidden" in parametric form hides: "9" or "9+16".
-Status Hide(std::string_view argument, std::vector<uint8_t>* mask) {
-  while (!argument.empty()) {
-    const size_t end = argument.find('+');
-    B4MRL_ASSIGN_OR_RETURN(
-        const uint64_t dimension,
-        ParseUnsigned("hidden dimension", argument.substr(0, end), 0, mask->size() - 1));
-    (*mask)[dimension] = 0;
-    argument = end == std::string_view::npos ? "" : argument.substr(end + 1);
-  }
-  return Status();
-}
-
-Status HideAll(const google::protobuf::RepeatedField<uint32_t>& dimensions,
-               std::vector<uint8_t>* mask) {
-  for (const uint32_t dimension : dimensions) {
-    if (dimension >= mask->size()) {
-      return Status(
-          StatusCode::kInternal,
-          fmt::format("the server's reply hides dimension {} of {}", dimension, mask->size()));
-    }
-    (*mask)[dimension] = 0;
-  }
-  return Status();
-}
 
 // `policy` with what `mask` hides set to 0 in its observations.
 BatchPolicy Masked(BatchPolicy policy, std::vector<uint8_t> mask) {
@@ -99,12 +72,21 @@ Result<RemoteBenchmark::Training> RemoteBenchmark::ReadTraining() {
     B4MRL_ASSIGN_OR_RETURN(const RemoteEnvironment simulator, MakeSimulator());
     seen_through = NamedArgumentsOf(simulator.in_force().perturbations());
     for (const NamedArgument& item : seen_through) {
-      if (item.name == "hidden") B4MRL_RETURN_IF_ERROR(Hide(item.argument, &training.mask));
+      if (item.name != "hidden") continue;
+      const auto hidden = environment_.observation.ParseDimensions(item.argument);
+      if (!hidden.ok()) return NotUnderstood(hidden.status());
+      for (const uint32_t dimension : *hidden) training.mask[dimension] = 0;
     }
   } else {
     B4MRL_ASSIGN_OR_RETURN(const RemoteDataset dataset, OpenDataset());
     seen_through = NamedArgumentsOf(dataset.in_force().corruptions());
-    B4MRL_RETURN_IF_ERROR(HideAll(dataset.in_force().hidden_dimensions(), &training.mask));
+    for (const uint32_t dimension : dataset.in_force().hidden_dimensions()) {
+      if (dimension >= training.mask.size()) {
+        return NotUnderstood(InvalidNumber("hidden dimension", dimension,
+                                           fmt::format("0..{}", training.mask.size() - 1)));
+      }
+      training.mask[dimension] = 0;
+    }
   }
   for (const NamedArgument& item : seen_through) {
     if (item.name == "obs-noise") training.noise.push_back(item);

@@ -10,6 +10,14 @@
 #include "proto/base/spec.h"
 
 namespace b4mrl {
+namespace {
+
+[[noreturn]] void Abort(const std::string& error) {
+  fmt::print(stderr, "b4mrl: {}\n", error);
+  std::abort();
+}
+
+}  // namespace
 
 std::vector<std::string_view> Hyperparameter::ChoiceNames() const {
   std::vector<std::string_view> names;
@@ -98,18 +106,27 @@ const Hyperparameter* Hyperparameters::Find(std::string_view name) const {
   return entry == entries_.end() ? nullptr : &*entry;
 }
 
-double Hyperparameters::Number(std::string_view name) const {
-  const Hyperparameter* entry = Find(name);
-  if (entry == nullptr) {
-    fmt::print(stderr, "b4mrl: there is no hyperparameter '{}' in the learner's table\n", name);
-    std::abort();
-  }
-  return entry->value;
-}
+double Hyperparameters::Number(std::string_view name) const { return Known(name).value; }
 
 double Hyperparameters::NumberOr(std::string_view name, double fallback) const {
   const Hyperparameter* entry = Find(name);
   return entry == nullptr ? fallback : entry->value;
+}
+
+bool Hyperparameters::Chosen(std::string_view name, std::string_view choice) const {
+  const Hyperparameter& entry = Known(name);
+  const std::vector<std::string_view> names = entry.ChoiceNames();
+  const auto found = std::ranges::find(names, choice);
+  if (found == names.end()) Abort(fmt::format("'{}' is no choice of '{}'", choice, name));
+  return entry.value == static_cast<double>(found - names.begin());
+}
+
+const Hyperparameter& Hyperparameters::Known(std::string_view name) const {
+  const Hyperparameter* entry = Find(name);
+  if (entry == nullptr) {
+    Abort(fmt::format("there is no hyperparameter '{}' in the learner's table", name));
+  }
+  return *entry;
 }
 
 Result<Hyperparameter*> Hyperparameters::Need(std::string_view name) {

@@ -84,11 +84,15 @@ class Hyperparameters {
   double Number(std::string_view name) const;
   // The value of `name`, or `fallback` if the table lacks `name`.
   double NumberOr(std::string_view name, double fallback) const;
+  // Whether the value of `name` is this choice, "gaussian", or "true" of a switch. Aborts like
+  // Number.
+  bool Chosen(std::string_view name, std::string_view choice) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
   uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }
   const std::vector<Hyperparameter>& entries() const { return entries_; }
 
  private:
+  const Hyperparameter& Known(std::string_view name) const;
   Result<Hyperparameter*> Need(std::string_view name);
 
   std::vector<Hyperparameter> entries_;

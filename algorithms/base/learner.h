@@ -60,7 +60,7 @@ struct LearnerContext {
   int observation_size() const { return static_cast<int>(environment.observation.size()); }
   int action_size() const { return static_cast<int>(environment.action.size()); }
   // Factor of each action dimension from a learner's [-1, 1] to the environment's units.
-  std::vector<float> ActionScale() const;
+  std::vector<float> ActionScale() const { return environment.ActionScale(); }
 };
 
 // Which dataset a learner has opened; empty without a dataset.

@@ -8,23 +8,14 @@
 namespace b4mrl {
 
 Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& environment) {
-  if (static_cast<size_t>(policy.observation_size()) == environment.observation.size() &&
-      static_cast<size_t>(policy.action_size()) == environment.action.size()) {
-    return Status();
-  }
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("the agent takes {} observation and {} action values, {} has {} and {}",
-                            policy.observation_size(), policy.action_size(), environment.name,
-                            environment.observation.size(), environment.action.size()));
+  return environment.CheckSizes("the agent", static_cast<uint64_t>(policy.observation_size()),
+                                static_cast<uint64_t>(policy.action_size()));
 }
 
 Behaviour::Behaviour(std::optional<AgentPolicy> policy, const EnvironmentSpec& environment)
     : policy_(std::move(policy)),
-      observation_size_(static_cast<int>(environment.observation.size())) {
-  for (const DimensionSpec& dimension : environment.action.dimensions) {
-    action_scale_.push_back(static_cast<float>(dimension.high));
-  }
-}
+      observation_size_(static_cast<int>(environment.observation.size())),
+      action_scale_(environment.ActionScale()) {}
 
 Result<Behaviour> Behaviour::OfAgent(const Agent& agent, const EnvironmentSpec& environment) {
   B4MRL_ASSIGN_OR_RETURN(AgentPolicy policy, AgentPolicy::Create(agent));

@@ -8,6 +8,7 @@
 
 #include "algorithms/experience/training_simulator.h"
 #include "algorithms/policy/observation_mask.h"
+#include "proto/wire/named_arguments.h"
 #include "proto/wire/tensor_rows.h"
 
 namespace b4mrl {
@@ -33,8 +34,9 @@ Result<ReplayCollector> ReplayCollector::Open(const LearnerContext& context,
   const auto lanes = static_cast<uint32_t>(context.hyperparameters.NumberOr("lanes", 1));
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenTrainingSimulator(context, lanes));
   if (!mask) {
-    B4MRL_ASSIGN_OR_RETURN(mask, MaskOfPerturbations(simulator.spec().observation,
-                                                     simulator.in_force().perturbations()));
+    B4MRL_ASSIGN_OR_RETURN(
+        mask, MaskOfPerturbations(simulator.spec().observation,
+                                  NamedArgumentsOf(simulator.in_force().perturbations())));
   }
   return ReplayCollector(context, std::move(simulator), *std::move(mask));
 }

@@ -63,15 +63,9 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
                          context.client->OpenDataset(context.dataset, options));
   auto dataset = std::make_unique<RemoteDataset>(std::move(opened));
   // The daemon has compared the names of the environments. The networks have these sizes.
-  if (dataset->observation_size() != context.environment.observation.size() ||
-      dataset->action_size() != context.environment.action.size()) {
-    return Status(
-        StatusCode::kInvalidArgument,
-        fmt::format("dataset {} has {} observation and {} action values, {} has {} and {}",
-                    context.dataset, dataset->observation_size(), dataset->action_size(),
-                    context.environment.name, context.environment.observation.size(),
-                    context.environment.action.size()));
-  }
+  B4MRL_RETURN_IF_ERROR(context.environment.CheckSizes(fmt::format("dataset {}", context.dataset),
+                                                       dataset->observation_size(),
+                                                       dataset->action_size()));
   B4MRL_RETURN_IF_ERROR(CheckFinite(*dataset));
   return dataset;
 }
@@ -98,7 +92,8 @@ Status CheckFiniteRows(const RemoteDataset& dataset, const TransitionRows& rows,
 }
 
 int RealRows(const Hyperparameters& values) {
-  return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size"));
+  // 0.29 of 100 rows are 29, although the product of the two doubles is a little less.
+  return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size") + 1e-9);
 }
 
 Status CheckRowsPerUpdate(const LearnerContext& context, std::string_view name, uint64_t rows) {

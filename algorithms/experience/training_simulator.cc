@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <utility>
-
 #include "client/client.h"
 
 namespace b4mrl {
@@ -19,14 +17,8 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session,
                          context.client->Make(context.environment.name, options));
   const EnvironmentSpec& spec = session.spec();
-  if (spec.observation.size() != context.environment.observation.size() ||
-      spec.action.size() != context.environment.action.size()) {
-    return Status(
-        StatusCode::kInvalidArgument,
-        fmt::format("the simulator has {} observation and {} action values, {} has {} and {}",
-                    spec.observation.size(), spec.action.size(), context.environment.name,
-                    context.environment.observation.size(), context.environment.action.size()));
-  }
+  B4MRL_RETURN_IF_ERROR(
+      context.environment.CheckSizes("the simulator", spec.observation.size(), spec.action.size()));
   return session;
 }
 

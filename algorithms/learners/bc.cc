@@ -27,6 +27,14 @@ namespace {
 
 constexpr std::string_view kSource = "ours: TD3-BC's, so that the two differ by the value alone";
 
+struct BcMetrics {
+  double loss = 0;
+};
+
+void AddMetrics(const BcMetrics& metrics, MetricMeans& means) {
+  means.Add("bc_loss", metrics.loss);
+}
+
 // The actor and its gradient step. Thread rule: one thread.
 class BcCore : public TrainedParts<BcCore, float> {
  public:
@@ -41,7 +49,7 @@ class BcCore : public TrainedParts<BcCore, float> {
         gradient_(options.action_size, options.batch_max) {}
 
   // One gradient step; returns the loss before the step.
-  double Update(const TransitionBatch<float>& batch) {
+  BcMetrics Update(const TransitionBatch<float>& batch) {
     const MatrixView<float> actions = actions_.view(batch.size());
     const MatrixView<float> gradient = gradient_.view(batch.size());
     TanhForward<float>(actor_.Forward(batch.observations), actions);
@@ -51,7 +59,7 @@ class BcCore : public TrainedParts<BcCore, float> {
     actor_.Backward(batch.observations);
     actor_.Step();
     ++updates_;
-    return loss;
+    return {loss};
   }
 
   int64_t updates() const { return updates_; }
@@ -70,33 +78,15 @@ class BcCore : public TrainedParts<BcCore, float> {
   MatrixBuffer<float> actions_, gradient_;  // pi(s), and d loss / d pi(s): action x batch
 };
 
-class Bc final : public OfflineLearner<BcCore> {
- public:
-  using OfflineLearner::OfflineLearner;
-
-  Status Prepare(Progress&) override {
-    batches_.Start(0);
-    return Status();
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionBatch<float> batch, batches_.Next());
-    metrics.Add("bc_loss", core_.Update(batch));
-    return Status();
-  }
-
-  PolicyWeights Policy() const override { return batches_.WithInputs(core_.Policy()); }
-};
-
 Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
   ActorCriticOptions options;
   SetActorCriticOptions(context, context.observation_size(), options);
   B4MRL_RETURN_IF_ERROR(ValidateActorCritic(options));
-  const bool normalise = context.hyperparameters.Integer("normalise") == 1;
+  const bool normalise = context.hyperparameters.Chosen("normalise", "true");
   B4MRL_ASSIGN_OR_RETURN(
       OfflineBatches batches,
       OfflineBatches::Open(context, {.batch_size = options.batch_max, .normalise = normalise}));
-  return std::unique_ptr<Learner>(std::make_unique<Bc>(BcCore(options), std::move(batches)));
+  return MakeOfflineLearner(BcCore(options), std::move(batches));
 }
 
 }  // namespace

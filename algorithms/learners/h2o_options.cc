@@ -14,9 +14,10 @@ H2oOptions H2oOptionsOf(const LearnerContext& context, const DatasetStats& stats
   options.discriminator_noise = values.Number("discriminator-noise");
   options.ratio_min = values.Number("ratio-min");
   options.gap_samples = values.Integer("gap-samples");
-  options.gap_noise = GapNoise(stats.observation_mean, stats.observation_std,
-                               static_cast<GapNoiseStd>(values.Integer("gap-noise-std")),
-                               values.Number("gap-noise"));
+  options.gap_noise =
+      GapNoise(stats.observation_mean, stats.observation_std,
+               values.Chosen("gap-noise-std", "data") ? GapNoiseStd::kData : GapNoiseStd::kPadded,
+               values.Number("gap-noise"));
   options.gap_max = values.Number("gap-max");
   options.gap_weight = values.Number("gap-weight");
   options.gap_limit = values.Number("gap-limit");

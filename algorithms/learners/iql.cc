@@ -26,17 +26,12 @@ namespace {
 constexpr std::string_view kBoth =
     "Manchery/iql-pytorch, which the paper's authors ran, and the original";
 
-// Indices into the `actor` hyperparameter's choices.
-enum Actor { kDeterministic, kGaussian };
-enum Initialisation { kTorch, kOrthogonal };
-enum RewardScaling { kNone, kReturnRange };
-
 IqlOptions CoreOptions(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
   IqlOptions options;
   SetActorCriticOptions(context, context.observation_size(), options);
-  if (values.Integer("actor") == kGaussian) options.actor = IqlActor::kGaussian;
-  if (values.Integer("initialisation") == kOrthogonal) {
+  if (values.Chosen("actor", "gaussian")) options.actor = IqlActor::kGaussian;
+  if (values.Chosen("initialisation", "orthogonal")) {
     options.initialization = Initialization::kOrthogonal;
   }
   options.value_learning_rate = values.Number("learning-rate");
@@ -47,24 +42,6 @@ IqlOptions CoreOptions(const LearnerContext& context) {
   return options;
 }
 
-class Iql final : public OfflineLearner<IqlCore<float>> {
- public:
-  using OfflineLearner::OfflineLearner;
-
-  Status Prepare(Progress&) override {
-    batches_.Start(0);
-    return Status();
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionBatch<float> batch, batches_.Next());
-    AddMetrics(core_.Update(batch), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override { return batches_.WithInputs(core_.Policy()); }
-};
-
 Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
   const IqlOptions options = CoreOptions(context);
@@ -73,18 +50,18 @@ Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
       OfflineBatches batches,
       OfflineBatches::Open(context,
                            {.batch_size = options.batch_max,
-                            .normalise = values.Integer("normalise") == 1,
-                            .scale_rewards = values.Integer("reward-scaling") == kReturnRange,
+                            .normalise = values.Chosen("normalise", "true"),
+                            .scale_rewards = values.Chosen("reward-scaling", "return-range"),
                             .action_clip = values.Number("action-clip")}));
-  return std::unique_ptr<Learner>(std::make_unique<Iql>(std::move(core), std::move(batches)));
+  return MakeOfflineLearner(std::move(core), std::move(batches));
 }
 
 HyperparameterTable Table() {
   const HyperparameterTable own = {
-      Choice("actor", "deterministic|gaussian", kDeterministic,
+      Choice("actor", "deterministic|gaussian", 0,
              "the actor: fitted to actions by weighted squared error, or by likelihood",
              "Manchery/iql-pytorch, which the paper's authors ran; the original: gaussian"),
-      Choice("initialisation", "torch|orthogonal", kTorch,
+      Choice("initialisation", "torch|orthogonal", 0,
              "initial weights: PyTorch's uniform ones, or orthogonal ones",
              "Manchery/iql-pytorch; the original: orthogonal"),
       Real("expectile", 0.7, {0, 1}, "expectile of the critics' values to which V is fitted",
@@ -100,7 +77,7 @@ HyperparameterTable Table() {
             {.unit = "updates", .source = kBoth}),
       NormaliseRow("Manchery/iql-pytorch's command for MuJoCo; its own default and the "
                    "original: false"),
-      Choice("reward-scaling", "none|return-range", kNone,
+      Choice("reward-scaling", "none|return-range", 0,
              "factor on rewards: 1, or 1000 / (largest - smallest return of an episode)",
              "Manchery/iql-pytorch; the original: return-range"),
       Real("action-clip", 0, {0, 0.5},

@@ -124,13 +124,16 @@ DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context) {
   options.members = values.Integer("ensemble-members");
   options.elites = values.Integer("ensemble-elites");
   options.hidden = {width, width, width, width};
-  options.initialization = static_cast<Initialization>(values.Integer("ensemble-initialisation"));
+  options.initialization = values.Chosen("ensemble-initialisation", "torch")
+                               ? Initialization::kTorchUniform
+                               : Initialization::kTruncatedNormal;
   options.learning_rate = values.Number("ensemble-learning-rate");
   options.batch_size = values.Integer("ensemble-batch-size");
   options.decay_scale = values.Number("decay-factor");
-  options.bootstrap = values.Integer("bootstrap") == 1;
-  options.scale_inputs = values.Integer("input-scaling") == 1;
-  options.holdout_rule = static_cast<HoldoutRule>(values.Integer("holdout"));
+  options.bootstrap = values.Chosen("bootstrap", "true");
+  options.scale_inputs = values.Chosen("input-scaling", "true");
+  options.holdout_rule =
+      values.Chosen("holdout", "tail") ? HoldoutRule::kTail : HoldoutRule::kPermutation;
   options.holdout_fraction = values.Number("holdout-fraction");
   options.holdout_max = static_cast<int64_t>(values.Number("holdout-max"));
   options.max_updates = static_cast<int64_t>(values.Number("ensemble-max-updates"));
@@ -179,7 +182,7 @@ Status CheckModelBased(const LearnerContext& context) {
 }
 
 EnsembleFiles EnsembleFilesOf(const LearnerContext& context) {
-  const bool keeps = context.hyperparameters.Integer("ensemble-cache") == 1;
+  const bool keeps = context.hyperparameters.Chosen("ensemble-cache", "true");
   return {.run_folder = context.folder, .cache_folder = keeps ? DefaultCacheFolder() : ""};
 }
 

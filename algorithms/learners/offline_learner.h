@@ -1,8 +1,8 @@
-// Checkpoints and members that bc.cc, td3_bc.cc and iql.cc share: learners that train one core on a
-// dataset alone. Core: Td3Core, for instance. Thread rule: one thread.
+// The learner of bc.cc, td3_bc.cc and iql.cc, which trains one core on a dataset alone. Core:
+// Td3Core, for instance, with an AddMetrics for what its Update returns. Thread rule: one thread.
 #pragma once
 
-#include <string>
+#include <memory>
 #include <utility>
 
 #include "algorithms/base/learner.h"
@@ -11,11 +11,21 @@
 namespace b4mrl {
 
 template <typename Core>
-class OfflineLearner : public Learner {
+class OfflineLearner final : public Learner {
  public:
   OfflineLearner(Core core, OfflineBatches batches)
       : core_(std::move(core)), batches_(std::move(batches)) {}
 
+  Status Prepare(Progress&) override {
+    batches_.Start(0);
+    return Status();
+  }
+  Status Update(MetricMeans& metrics) override {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionBatch<float> batch, batches_.Next());
+    AddMetrics(core_.Update(batch), metrics);
+    return Status();
+  }
+  PolicyWeights Policy() const override { return batches_.WithInputs(core_.Policy()); }
   Status Save(CheckpointWriter& writer) override {
     writer.State("core", core_);
     batches_.Save(writer);
@@ -28,9 +38,14 @@ class OfflineLearner : public Learner {
   bool outlives_daemon() const override { return true; }
   DatasetIdentity dataset_identity() const override { return batches_.dataset_identity(); }
 
- protected:
+ private:
   Core core_;
   OfflineBatches batches_;  // batches of D
 };
+
+template <typename Core>
+std::unique_ptr<Learner> MakeOfflineLearner(Core core, OfflineBatches batches) {
+  return std::make_unique<OfflineLearner<Core>>(std::move(core), std::move(batches));
+}
 
 }  // namespace b4mrl

@@ -21,32 +21,14 @@ namespace {
 
 constexpr std::string_view kAuthors = "sfujim/TD3_BC, which the paper's authors ran";
 
-class Td3Bc final : public OfflineLearner<Td3Core<float>> {
- public:
-  using OfflineLearner::OfflineLearner;
-
-  Status Prepare(Progress&) override {
-    batches_.Start(0);
-    return Status();
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionBatch<float> batch, batches_.Next());
-    AddMetrics(core_.Update(batch), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override { return batches_.WithInputs(core_.Policy()); }
-};
-
 Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
   const Td3Options options = Td3OptionsOf(context, context.observation_size());
   B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core, Td3Core<float>::Create(options));
-  const bool normalise = context.hyperparameters.Integer("normalise") == 1;
+  const bool normalise = context.hyperparameters.Chosen("normalise", "true");
   B4MRL_ASSIGN_OR_RETURN(
       OfflineBatches batches,
       OfflineBatches::Open(context, {.batch_size = options.batch_max, .normalise = normalise}));
-  return std::unique_ptr<Learner>(std::make_unique<Td3Bc>(std::move(core), std::move(batches)));
+  return MakeOfflineLearner(std::move(core), std::move(batches));
 }
 
 HyperparameterTable Table() {

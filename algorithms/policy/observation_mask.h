@@ -5,8 +5,6 @@
 #include <fmt/format.h>
 
 #include <cstdint>
-#include <span>
-#include <string_view>
 #include <vector>
 
 #include "proto/base/spec.h"
@@ -16,21 +14,15 @@ namespace b4mrl {
 
 // The mask of a session, from its perturbations in parametric form: "hidden" with the argument
 // "9+10" or with dimension names.
-template <typename NamedArguments>
-Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
-                                               const NamedArguments& perturbations) {
+inline Result<std::vector<float>> MaskOfPerturbations(
+    const SpaceSpec& observation, const std::vector<NamedArgument>& perturbations) {
   std::vector<float> mask;
-  for (const auto& perturbation : perturbations) {
-    if (perturbation.name() != "hidden") continue;
+  for (const NamedArgument& perturbation : perturbations) {
+    if (perturbation.name != "hidden") continue;
+    B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> dimensions,
+                           observation.ParseDimensions(perturbation.argument));
     mask.resize(observation.size(), 1.0f);
-    std::string_view rest = perturbation.argument();
-    while (!rest.empty()) {
-      const size_t plus = rest.find('+');
-      B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> dimensions,
-                             observation.FindDimensions(rest.substr(0, plus)));
-      for (const uint32_t dimension : dimensions) mask[dimension] = 0;
-      rest.remove_prefix(plus == std::string_view::npos ? rest.size() : plus + 1);
-    }
+    for (const uint32_t dimension : dimensions) mask[dimension] = 0;
   }
   return mask;
 }

@@ -9,7 +9,6 @@
 #include "algorithms/policy/observation_mask.h"
 #include "benchmarks/plan/perturbation_names.h"
 #include "benchmarks/records/json_file.h"
-#include "proto/b4mrl.pb.h"
 #include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
@@ -67,12 +66,7 @@ Status AgentChecker::CheckMask() {
   B4MRL_ASSIGN_OR_RETURN(const PlannedRun run, RunOfResult(result_, sources_));
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment,
                          sources_.find_environment(run.environment));
-  B4MRL_ASSIGN_OR_RETURN(const auto items, ParseNamedArguments(run.hidden));
-  std::vector<pb::NamedArgument> hidden(items.size());
-  for (size_t i = 0; i < items.size(); ++i) {
-    hidden[i].set_name(items[i].name);
-    hidden[i].set_argument(items[i].argument);
-  }
+  B4MRL_ASSIGN_OR_RETURN(const auto hidden, ParseNamedArguments(run.hidden));
   B4MRL_ASSIGN_OR_RETURN(const auto mask, MaskOfPerturbations(environment.observation, hidden));
   for (size_t i = 0; i < mask.size(); ++i) {
     const bool is_seen = i >= agent_.observation_mask.size() || agent_.observation_mask[i] != 0;

@@ -47,9 +47,49 @@ Result<std::vector<uint32_t>> SpaceSpec::FindDimensions(
   return std::vector<uint32_t>{dimension};
 }
 
+Result<std::vector<uint32_t>> SpaceSpec::ParseDimensions(std::string_view list) const {
+  std::set<uint32_t> parsed;
+  while (true) {
+    const size_t end = std::min(list.find('+'), list.size());
+    B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> named, FindDimensions(list.substr(0, end)));
+    parsed.insert(named.begin(), named.end());
+    if (end == list.size()) return std::vector<uint32_t>(parsed.begin(), parsed.end());
+    list.remove_prefix(end + 1);
+  }
+}
+
 std::optional<double> EnvironmentSpec::NormalisedScore(double episode_return) const {
   if (!reference_min || !reference_max) return std::nullopt;
   return 100.0 * (episode_return - *reference_min) / (*reference_max - *reference_min);
+}
+
+std::vector<float> EnvironmentSpec::ActionScale() const {
+  std::vector<float> scale;
+  for (const DimensionSpec& dimension : action.dimensions) {
+    scale.push_back(static_cast<float>(dimension.high));
+  }
+  return scale;
+}
+
+Status EnvironmentSpec::CheckActionScale() const {
+  for (const DimensionSpec& dimension : action.dimensions) {
+    if (dimension.high > 0 && std::isfinite(dimension.high) && dimension.low == -dimension.high) {
+      continue;
+    }
+    return Status(StatusCode::kUnsupported,
+                  fmt::format("action '{}' of {} lies in {}..{}, allowed: -x..x", dimension.name,
+                              name, dimension.low, dimension.high));
+  }
+  return Status();
+}
+
+Status EnvironmentSpec::CheckSizes(std::string_view owner, uint64_t observation_size,
+                                   uint64_t action_size) const {
+  if (observation_size == observation.size() && action_size == action.size()) return Status();
+  return Status(
+      StatusCode::kInvalidArgument,
+      fmt::format("{} has {} observation and {} action values, {} has {} and {}", owner,
+                  observation_size, action_size, name, observation.size(), action.size()));
 }
 
 Result<std::vector<NamedArgument>> ParseNamedArguments(std::string_view text) {

@@ -37,6 +37,9 @@ struct SpaceSpec {
   Result<uint32_t> FindDimension(std::string_view index_or_name) const;
   // The dimension with an index or name, or all dimensions with a feature ("vx"), ascending.
   Result<std::vector<uint32_t>> FindDimensions(std::string_view index_name_or_feature) const;
+  // The dimensions in a list of indices, names and features joined by '+' ("9+v-root-x",
+  // "y+vx+vy"), ascending and each once. The argument of the perturbation "hidden" is such a list.
+  Result<std::vector<uint32_t>> ParseDimensions(std::string_view list) const;
 };
 
 // Bounds of one observation dimension: the episode ends when its value leaves them. Values that are
@@ -72,6 +75,13 @@ struct EnvironmentSpec {
   // Default size of a picture, in pixels.
   uint32_t picture_width = 480;
   uint32_t picture_height = 480;
+
+  // The largest action in each dimension. Learners and agents act by it times a number in -1..1.
+  std::vector<float> ActionScale() const;
+  // kUnsupported unless every dimension's smallest action is its largest with the other sign.
+  Status CheckActionScale() const;
+  // kInvalidArgument unless what `owner` names ("the agent") has the environment's sizes.
+  Status CheckSizes(std::string_view owner, uint64_t observation_size, uint64_t action_size) const;
 
   // D4RL's normalised score: 100 (return - reference_min) / (reference_max - reference_min).
   std::optional<double> NormalisedScore(double episode_return) const;

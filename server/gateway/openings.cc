@@ -12,6 +12,7 @@
 #include "server/perturbations/list.h"
 #include "server/replies/pending_request.h"
 #include "server/replies/reply.h"
+#include "server/shared_memory/open_record.h"
 
 namespace b4mrl {
 namespace {
@@ -21,12 +22,9 @@ constexpr int64_t kAbandonedMs = 60'000;
 // Interval at which the compiled models of live sessions are marked as used.
 constexpr int64_t kUseIntervalMs = 60'000;
 
-// What the client asked for; nothing if the record is damaged.
-std::optional<pb::OpenRequest> RequestOf(const SessionRecord& record) {
-  pb::OpenRequest request;
-  const bool is_whole = CheckSessionRecord(record).ok() &&
-                        request.ParseFromString(std::string(SessionOpenBytes(record)));
-  return is_whole ? std::optional(std::move(request)) : std::nullopt;
+uint64_t HashOf(const pb::OpenRequest& open) {
+  const std::string bytes = open.SerializeAsString();
+  return XXH3_64bits(bytes.data(), bytes.size());
 }
 
 Status Damaged() { return Status(StatusCode::kSessionLost, "the session's record is damaged"); }
@@ -49,11 +47,12 @@ Openings::Openings(SharedState& shared, std::vector<DealerSocket> workers, Optio
 
 void Openings::Open(const Asker& from, const pb::Request& request) {
   const std::string& token = request.session_token();
-  const Result<bool> is_copy = IsCopy(from, token);
+  const uint64_t contents = HashOf(request.open());
+  const Result<bool> is_copy = IsCopy(from, token, contents);
   if (is_copy.ok() && *is_copy) return;
   Status status = is_copy.ok() ? Admit(from) : is_copy.status();
   if (!status.ok()) return reply_(from, status);
-  const uint64_t number = Enter(from, request);
+  const uint64_t number = Enter(from, request, contents);
   const std::string file = ModelFileOf(request.open());
   if (file.empty() || table_.Find(token)) {
     status = AskWorker(number, request.open(), "");
@@ -79,12 +78,14 @@ void Openings::RefuseAll() {
   }
 }
 
-Result<bool> Openings::IsCopy(const Asker& from, const std::string& token) const {
+Result<bool> Openings::IsCopy(const Asker& from, const std::string& token,
+                              uint64_t contents) const {
   const auto peer = peers_.find(from.peer);
   if (peer == peers_.end()) return false;
   const auto number = peer->second.find(from.request_id);
   if (number == peer->second.end()) return false;
-  if (waiting_.at(number->second).token == token) return true;
+  const Waiting& waiting = waiting_.at(number->second);
+  if (waiting.token == token && waiting.contents == contents) return true;
   return OtherContents(from.request_id);
 }
 
@@ -95,10 +96,10 @@ Status Openings::Admit(const Asker& from) const {
                       {limits::kMaxPendingOpens, limits::kMaxPendingOpensOfPeer});
 }
 
-uint64_t Openings::Enter(const Asker& from, const pb::Request& request) {
+uint64_t Openings::Enter(const Asker& from, const pb::Request& request, uint64_t contents) {
   const uint64_t number = next_number_++;
   const Clock::time_point end = DeadlineOf(request).at();
-  waiting_[number] = {from, request.session_token(), end};
+  waiting_[number] = {from, request.session_token(), contents, end};
   peers_[from.peer][from.request_id] = number;
   deadlines_.emplace(end, number);
   return number;
@@ -147,12 +148,11 @@ Status Openings::CompileModel(uint64_t number, const pb::Request& request,
   return Status();
 }
 
-Result<uint32_t> Openings::FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
+Result<uint32_t> Openings::FindOrAllocate(const Waiting& waiting, const pb::OpenRequest& open,
                                           const std::string& compiled_model) {
-  const std::string as_sent = open.SerializeAsString();
-  const uint64_t hash = XXH3_64bits(as_sent.data(), as_sent.size());
+  const std::string& token = waiting.token;
   if (const std::optional<uint32_t> index = table_.Find(token)) {
-    if (shared_.session(*index).request_hash == hash) return *index;
+    if (shared_.session(*index).request_hash == waiting.contents) return *index;
     return Status(StatusCode::kInvalidArgument,
                   "session_token belongs to a session with other contents, allowed: a new token");
   }
@@ -160,13 +160,13 @@ Result<uint32_t> Openings::FindOrAllocate(const std::string& token, const pb::Op
   B4MRL_RETURN_IF_ERROR(CompleteOpen(token, &complete));
   complete.set_compiled_model(compiled_model);
   const std::string bytes = complete.SerializeAsString();
-  return table_.Allocate({token, bytes, hash, complete.num_envs()});
+  return table_.Allocate({token, bytes, waiting.contents, complete.num_envs()});
 }
 
 Status Openings::AskWorker(uint64_t number, const pb::OpenRequest& open,
                            const std::string& compiled_model) {
   Waiting& waiting = waiting_.at(number);
-  B4MRL_ASSIGN_OR_RETURN(const uint32_t index, FindOrAllocate(waiting.token, open, compiled_model));
+  B4MRL_ASSIGN_OR_RETURN(const uint32_t index, FindOrAllocate(waiting, open, compiled_model));
   SessionRecord& record = shared_.session(index);
   record.last_activity_ms.store(MonotonicMs());
   const uint32_t worker = record.worker;
@@ -264,8 +264,8 @@ Result<pb::Reply> Openings::Conclude(uint64_t generation, const Attach& attach,
   if (!is_its_own || !table_.MakeLive(attach.session_index)) {
     return Status(StatusCode::kSessionLost, "the session was closed or given up meanwhile");
   }
-  const std::optional<pb::OpenRequest> request = RequestOf(record);
-  if (!request) return Damaged();
+  const Result<pb::OpenRequest> request = OpenRequestOf(record);
+  if (!request.ok()) return Damaged();
   pb::Reply reply;
   pb::OpenReply* opened = reply.mutable_open();
   DescribeOpen(*request, answer.attach(), opened);
@@ -295,8 +295,8 @@ void Openings::MarkModelsAsUsed() const {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
     if (record.state() != SessionState::kLive) continue;
-    const std::optional<pb::OpenRequest> request = RequestOf(record);
-    if (!request || request->compiled_model().empty()) continue;
+    const Result<pb::OpenRequest> request = OpenRequestOf(record);
+    if (!request.ok() || request->compiled_model().empty()) continue;
     ModelStore::MarkAsUsed(request->compiled_model());
   }
 }

@@ -73,6 +73,7 @@ class Openings {
   struct Waiting {
     Asker from;
     std::string token;
+    uint64_t contents = 0;    // hash of the Open as it was sent
     Clock::time_point end;    // the deadline
     uint64_t generation = 0;  // of the record; 0 while it has no record
   };
@@ -91,14 +92,14 @@ class Openings {
   };
 
   Status Admit(const Asker& from) const;
-  // Whether an Open with this id of `from` waits already. kInvalidArgument if it is of another
-  // token.
-  Result<bool> IsCopy(const Asker& from, const std::string& token) const;
-  uint64_t Enter(const Asker& from, const pb::Request& request);
+  // Whether this Open of `from` waits already. kInvalidArgument if another one with its id does.
+  Result<bool> IsCopy(const Asker& from, const std::string& token, uint64_t contents) const;
+  uint64_t Enter(const Asker& from, const pb::Request& request, uint64_t contents);
   // The next steps of Open `number`; an error ends the Open.
   Status CompileModel(uint64_t number, const pb::Request& request, const std::string& file);
   Status AskWorker(uint64_t number, const pb::OpenRequest& open, const std::string& compiled_model);
-  Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
+  // The record's index.
+  Result<uint32_t> FindOrAllocate(const Waiting& waiting, const pb::OpenRequest& open,
                                   const std::string& compiled_model);
   // False when the worker's queue is full.
   bool Send(uint64_t generation);

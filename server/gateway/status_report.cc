@@ -10,6 +10,7 @@
 #include "proto/base/limits.h"
 #include "proto/wire/named_arguments.h"
 #include "proto/wire/utf8.h"
+#include "server/shared_memory/open_record.h"
 
 namespace b4mrl {
 namespace {
@@ -85,14 +86,14 @@ const StatusReport::Opened& StatusReport::OpenedOf(uint32_t index) {
   const SessionRecord& record = shared_.session(index);
   Opened& opened = opened_[index];
   if (opened.generation == record.generation) return opened;
-  pb::OpenRequest request;
-  opened.generation = record.generation;
-  opened.is_whole = CheckSessionRecord(record).ok() &&
-                    request.ParseFromString(std::string(SessionOpenBytes(record)));
-  opened.environment = request.environment();
+  opened = {.generation = record.generation};
+  const Result<pb::OpenRequest> request = OpenRequestOf(record);
+  opened.is_whole = request.ok();
+  if (!opened.is_whole) return opened;
+  opened.environment = request->environment();
   // A long list is cut, so that 256 sessions fit the envelope.
   opened.perturbations =
-      AsUtf8(FormatNamedArguments(NamedArgumentsOf(request.perturbations())).substr(0, 96));
+      AsUtf8(FormatNamedArguments(NamedArgumentsOf(request->perturbations())).substr(0, 96));
   return opened;
 }
 

@@ -1,8 +1,12 @@
 // hidden=A+B+...: sets dimensions of observations to 0. Dimensions are 0-based indices or names;
 // where an observation has rows, a feature's name ("vx") stands for its column of every row.
-#include "server/perturbations/hidden_dimensions.h"
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
 
-#include <algorithm>
+#include "server/perturbations/list.h"
 
 namespace b4mrl {
 namespace {
@@ -31,7 +35,7 @@ class HiddenDimensionsPerturbation final : public Perturbation {
 
 Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<uint32_t> dimensions,
-                         ParseDimensions(input.argument, *input.spec));
+                         input.spec->observation.ParseDimensions(input.argument));
   return std::unique_ptr<Perturbation>(
       std::make_unique<HiddenDimensionsPerturbation>(std::move(dimensions)));
 }
@@ -45,22 +49,6 @@ constexpr Preset kPresets[] = {
     {"hidden-high", "Walker2d", "hidden", "9"},    {"hidden-high", "Highway", "hidden", "y+vx+vy"}};
 
 }  // namespace
-
-Result<std::vector<uint32_t>> ParseDimensions(std::string_view text, const EnvironmentSpec& spec) {
-  std::vector<uint32_t> dimensions;
-  while (true) {
-    const size_t end = std::min(text.find('+'), text.size());
-    B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> named,
-                           spec.observation.FindDimensions(text.substr(0, end)));
-    dimensions.insert(dimensions.end(), named.begin(), named.end());
-    if (end == text.size()) break;
-    text.remove_prefix(end + 1);
-  }
-  std::ranges::sort(dimensions);
-  const auto repeated = std::ranges::unique(dimensions);
-  dimensions.erase(repeated.begin(), repeated.end());
-  return dimensions;
-}
 
 extern const PerturbationEntry kHiddenDimensions;  // its line in list.cc
 constinit const PerturbationEntry kHiddenDimensions = {

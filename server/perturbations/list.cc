@@ -7,7 +7,6 @@
 #include <set>
 
 #include "proto/base/limits.h"
-#include "server/perturbations/hidden_dimensions.h"
 
 namespace b4mrl {
 
@@ -232,7 +231,7 @@ Result<std::vector<uint32_t>> HiddenDimensions(std::span<const NamedArgument> it
     B4MRL_ASSIGN_OR_RETURN(const NamedArgument item, ResolvePerturbation(written, spec.name));
     if (item.name != kHiddenDimensions.name) continue;
     B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> dimensions,
-                           ParseDimensions(item.argument, spec));
+                           spec.observation.ParseDimensions(item.argument));
     hidden.insert(dimensions.begin(), dimensions.end());
   }
   return std::vector<uint32_t>(hidden.begin(), hidden.end());

@@ -100,7 +100,7 @@ Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
 // Whether corrupting a dataset by `set` draws random numbers, so that the seed matters.
 bool DrawsForDatasets(const PerturbationSet& set);
 
-// The 0-based dimensions that `items` (resolved) hide; sorted, without repetition.
+// The 0-based dimensions that `items` hide; sorted, without repetition.
 Result<std::vector<uint32_t>> HiddenDimensions(std::span<const NamedArgument> items,
                                                const EnvironmentSpec& spec);
 

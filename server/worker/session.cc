@@ -8,6 +8,7 @@
 #include "proto/base/limits.h"
 #include "proto/wire/named_arguments.h"
 #include "server/environments/mujoco/compiled_model.h"
+#include "server/shared_memory/open_record.h"
 
 namespace b4mrl {
 namespace {
@@ -63,11 +64,7 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
 Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,
                                                 uint64_t generation) {
   const SessionRecord& record = shared.session(index);
-  B4MRL_RETURN_IF_ERROR(CheckSessionRecord(record));
-  pb::OpenRequest request;
-  if (!request.ParseFromString(std::string(SessionOpenBytes(record)))) {
-    return Status(StatusCode::kDataLoss, "the session's request is damaged");
-  }
+  B4MRL_ASSIGN_OR_RETURN(pb::OpenRequest request, OpenRequestOf(record));
   B4MRL_RETURN_IF_ERROR(CheckSeeds(request.seed(), request.num_envs()));
   SimulatorRequest simulator = SimulatorOf(request);
   B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(simulator, request.autoreset_mode()));

@@ -1,9 +1,9 @@
 #include "algorithms/learners/model_based_options.h"
-#include "proto/base/folders.h"
 
 #include <catch2/catch.hpp>
 #include <vector>
 
+#include "proto/base/folders.h"
 #include "tests/results.h"
 
 namespace b4mrl {
@@ -14,18 +14,18 @@ constexpr Hyperparameter kTable[] = {
     {"ensemble-members", 6, 1, 64, true, ""},
     {"ensemble-elites", 4, 1, 64, true, ""},
     {"ensemble-width", 24, 1, 64, true, ""},
-    {"ensemble-initialisation", 1, 0, 1, true, ""},
+    {"ensemble-initialisation", 1, 0, 1, true, "", {}, {}, "torch|truncated-normal"},
     {"ensemble-learning-rate", 0.25, 0, 1, false, ""},
     {"ensemble-batch-size", 48, 1, 64, true, ""},
     {"decay-factor", 0.75, 0, 1, false, ""},
-    {"bootstrap", 1, 0, 1, true, ""},
-    {"input-scaling", 1, 0, 1, true, ""},
-    {"holdout", 1, 0, 1, true, ""},
+    {"bootstrap", 1, 0, 1, true, "", {}, {}, "false|true"},
+    {"input-scaling", 1, 0, 1, true, "", {}, {}, "false|true"},
+    {"holdout", 1, 0, 1, true, "", {}, {}, "tail|permutation"},
     {"holdout-fraction", 0.375, 0, 1, false, ""},
     {"holdout-max", 77, 1, 100, true, ""},
     {"ensemble-max-updates", 99, 1, 100, true, ""},
     {"ensemble-patience", 8, 1, 64, true, ""},
-    {"ensemble-cache", 0, 0, 1, true, ""},
+    {"ensemble-cache", 0, 0, 1, true, "", {}, {}, "false|true"},
     {"horizon", 7, 1, 64, true, ""},
     {"penalty", 0.625, 0, 1, false, ""},
     {"chunk-rows", 30, 1, 64, true, ""},

@@ -199,8 +199,12 @@ TEST_CASE("Choices are set by name, never by number, and are shown by name") {
   };
   Hyperparameters values(table);
   CHECK(values.Find("actor")->Text() == "deterministic");
+  CHECK(values.Chosen("actor", "deterministic"));
+  CHECK(values.Chosen("normalise", "true"));
   RequireOk(values.SetText("actor", "gaussian"));
   CHECK(values.Integer("actor") == 1);
+  CHECK(values.Chosen("actor", "gaussian"));
+  CHECK_FALSE(values.Chosen("actor", "deterministic"));
   CHECK(values.Find("actor")->Text() == "gaussian");
   for (const char* wrong : {"0", "1", "gausian", ""}) {
     INFO("'" << wrong << "'");

@@ -189,7 +189,7 @@ TEST_CASE("What a recipe cannot give is refused with the reason") {
   CHECK(Says(refusal({"HalfCheetah/medum"}), "HalfCheetah/medium"));
   CHECK(Says(
       refusal({"HalfCheetah/mine", "--agent", B4MRL_SOURCE_DIR "/data/agents/hopper-expert.h5"}),
-      "the agent takes 11 observation and 3 action values, HalfCheetah has 17 and 6"));
+      "the agent has 11 observation and 3 action values, HalfCheetah has 17 and 6"));
   CHECK(Says(refusal({"Hopper/medium-replay", "--rows", "125001"}), "1..125000"));
   CHECK(Says(refusal({"Hopper/medium-replay", "--seed", "3"}), "--seed"));
   CHECK(Says(

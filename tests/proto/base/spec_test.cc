@@ -1,7 +1,9 @@
 #include "proto/base/spec.h"
 
 #include <catch2/catch.hpp>
+#include <limits>
 #include <string>
+#include <utility>
 
 #include "proto/base/rng.h"
 
@@ -79,6 +81,37 @@ TEST_CASE("a feature names its dimension in every row, before any index") {
   for (const char* unknown : {"", "vy", "6"}) CHECK_FALSE(space.FindDimensions(unknown).ok());
   const std::string message = space.FindDimensions("vxx").status().message();
   CHECK(message.find("did you mean 'vx'") != std::string::npos);
+}
+
+TEST_CASE("a list of dimensions mixes indices, names and features, and has no empty item") {
+  SpaceSpec space;
+  for (const char* row : {"ego", "car"}) {
+    for (const char* feature : {"x", "vx"}) {
+      space.dimensions.push_back({std::string(row) + "-" + feature, "", -1, 1, feature});
+    }
+  }
+  CHECK(*space.ParseDimensions("2") == std::vector<uint32_t>{2});
+  CHECK(*space.ParseDimensions("vx+0+car-vx+0") == std::vector<uint32_t>{0, 1, 3});
+  for (const char* refused : {"", "+", "0+", "+0", "0++1", "0+4", "0,1", "0 + 1"}) {
+    CAPTURE(refused);
+    CHECK_FALSE(space.ParseDimensions(refused).ok());
+  }
+}
+
+TEST_CASE("learners scale actions by one number a dimension, or refuse the environment") {
+  EnvironmentSpec spec;
+  spec.action.dimensions = {{"hinge", "N m", -1, 1}, {"slide", "N", -0.4, 0.4}};
+  CHECK(spec.CheckActionScale().ok());
+  CHECK(spec.ActionScale() == std::vector<float>{1.0f, 0.4f});
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const auto& [low, high] : {std::pair{0.0, 1.0}, std::pair{-2.0, 1.0}, std::pair{0.0, 0.0},
+                                  std::pair{-kInfinity, kInfinity}, std::pair{1.0, -1.0}}) {
+    spec.action.dimensions[1].low = low;
+    spec.action.dimensions[1].high = high;
+    const Status refused = spec.CheckActionScale();
+    CHECK(refused.code() == StatusCode::kUnsupported);
+    CHECK(refused.message().find("action 'slide'") != std::string::npos);
+  }
 }
 
 TEST_CASE("normalised scores map the reference returns to 0 and 100") {

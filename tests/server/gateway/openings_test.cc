@@ -48,9 +48,13 @@ TEST_CASE("A copy of an Open joins it, and another Open of its id is refused") {
   OpeningsFixture fixture;
   fixture.StartWorker();
   for (int i = 0; i < 3; ++i) fixture.Ask("client", Open(1, Token(1)));
-  fixture.Ask("client", Open(1, Token(2)));
-  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kInvalidArgument);
-  fixture.answers.clear();
+  pb::Request other = Open(1, Token(1));
+  other.mutable_open()->set_seed(other.open().seed() + 1);
+  for (const pb::Request& request : {Open(1, Token(2)), other}) {
+    fixture.Ask("client", request);
+    CHECK(fixture.AnswerTo("client", 1) == StatusCode::kInvalidArgument);
+    fixture.answers.clear();
+  }
   fixture.Attached(fixture.TakeAttach());
   fixture.AwaitAnswers();
   CHECK(fixture.AnswerTo("client", 1) == StatusCode::kOk);
