@@ -183,7 +183,8 @@ Status Connection::NoAnswer() {
   const std::string& address = listening_.address();
   if (listening_.gone_since() != Clock::time_point::max()) {
     return Status(StatusCode::kUnavailable,
-                  fmt::format("nobody listens at {} any more; has the daemon ended?", address));
+                  fmt::format("nobody listens at {}{}", address,
+                              link_.connections() > 0 ? " any more; has the daemon ended?" : ""));
   }
   if (link_.connections() > 0) {
     return Status(StatusCode::kDeadlineExceeded,
@@ -199,7 +200,9 @@ Clock::time_point Connection::ResendTime(const Pending& pending) const {
 Deadline Connection::NextWake() const {
   Clock::time_point first = Clock::time_point::max();
   for (const Pending& pending : pending_) {
-    first = std::min({first, EndOf(pending), ResendTime(pending)});
+    first = std::min(first, EndOf(pending));
+    // Until the first connection is there, nothing is sent again.
+    if (connections_seen_ > 0) first = std::min(first, ResendTime(pending));
   }
   return Deadline::After(std::chrono::ceil<std::chrono::milliseconds>(first - Clock::now()));
 }
@@ -234,11 +237,11 @@ bool Connection::Accept(Message message) {
 
 void Connection::Resend() {
   connections_seen_ = link_.connections();
-  if (connections_seen_ == 0) return;  // all of it is still queued for the first one
   const Clock::time_point now = Clock::now();
   const bool is_quiet = std::ranges::any_of(
       pending_, [now](const Pending& pending) { return pending.asked + kQuiet < now; });
   if (is_quiet) listening_.Look(now);
+  if (connections_seen_ == 0) return;  // all of it is still queued for the first one
   for (Pending& pending : pending_) {
     const bool is_reconnected = pending.connection < connections_seen_;
     if (!is_reconnected && ResendTime(pending) > now) continue;

@@ -39,6 +39,11 @@ class DatasetFileReader {
   uint64_t rows() const { return rewards_.rows(); }
   uint32_t observation_size() const { return static_cast<uint32_t>(observations_.width()); }
   uint32_t action_size() const { return static_cast<uint32_t>(actions_.width()); }
+  // The numbers that Read brings for each row, but for rewards and ends of episodes.
+  uint64_t row_numbers() const {
+    const uint64_t states = has_states() ? qpos_->width() + qvel_->width() : 0;
+    return observations_.width() + actions_.width() + next_observations_.width() + states;
+  }
   // Whether the file has infos/qpos and infos/qvel.
   bool has_states() const { return qpos_ && qvel_; }
   const DatasetProvenance& provenance() const { return provenance_; }

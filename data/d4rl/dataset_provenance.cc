@@ -174,6 +174,12 @@ Status DatasetProvenance::Validate() const {
   return Status();
 }
 
+Status DatasetProvenance::CheckHidden(uint32_t observation_size) const {
+  if (hidden_dimensions.empty() || hidden_dimensions.back() < observation_size) return Status();
+  return InvalidNumber("hidden dimension in metadata/recording", hidden_dimensions.back(),
+                       fmt::format("0..{}", observation_size - 1));
+}
+
 Status WriteDatasetProvenance(Hdf5Writer& file, const DatasetProvenance& provenance) {
   B4MRL_RETURN_IF_ERROR(provenance.Validate());
   for (const ProvenanceText& entry : kProvenanceTexts) {

@@ -60,6 +60,8 @@ struct DatasetProvenance {
 
   // OK if every entry is within its range.
   Status Validate() const;
+  // OK if the hidden dimensions are some of an observation with so many.
+  Status CheckHidden(uint32_t observation_size) const;
 };
 
 // The entries that are one text each, by their names under metadata/recording.

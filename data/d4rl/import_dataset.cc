@@ -216,13 +216,6 @@ std::string BehaviourPolicy(const Hdf5Reader& file, const DatasetProvenance& pro
   return iteration.ok() ? fmt::format("{}, iteration {:.0f}", *algorithm, *iteration) : *algorithm;
 }
 
-Status CheckHidden(const DatasetProvenance& provenance, uint32_t observation_size) {
-  const std::vector<uint32_t>& hidden = provenance.hidden_dimensions;  // ascending
-  if (hidden.empty() || hidden.back() < observation_size) return Status();
-  return InvalidNumber("hidden dimension in metadata/recording", hidden.back(),
-                       fmt::format("0..{}", observation_size - 1));
-}
-
 }  // namespace
 
 Result<ImportedDataset> ImportDataset(const std::string& file_path, const std::string& cache_folder,
@@ -231,7 +224,7 @@ Result<ImportedDataset> ImportDataset(const std::string& file_path, const std::s
   B4MRL_ASSIGN_OR_RETURN(SourceColumns source, OpenSource(file));
   ImportedDataset imported;
   B4MRL_ASSIGN_OR_RETURN(imported.provenance, ReadDatasetProvenance(file));
-  B4MRL_RETURN_IF_ERROR(CheckHidden(imported.provenance, source.observation_size));
+  B4MRL_RETURN_IF_ERROR(imported.provenance.CheckHidden(source.observation_size));
   source.hidden = imported.provenance.hidden_dimensions;
   imported.behaviour_policy = BehaviourPolicy(file, imported.provenance);
   const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // 2: two flags

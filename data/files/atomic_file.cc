@@ -69,20 +69,28 @@ Status AtomicFile::Commit(Existing existing) {
   if (fsync(fd_.get()) != 0) return IoError("flush", temporary_path_, errno);
   const char *from = temporary_path_.c_str(), *to = path_.c_str();
   const bool keeps = existing == Existing::kKeep;
-  int failed = keeps ? renameat2(AT_FDCWD, from, AT_FDCWD, to, RENAME_NOREPLACE) : rename(from, to);
-  // File systems that cannot do it: what appears between the look and the name is replaced.
-  if (keeps && failed != 0 && errno == EINVAL && access(to, F_OK) != 0) failed = rename(from, to);
-  if (failed != 0 && keeps && access(to, F_OK) == 0) {
+  const bool failed = (keeps ? RenameIfAbsent(from, to) : rename(from, to)) != 0;
+  if (failed && keeps && errno == EEXIST) {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("{} appeared in the meantime and is kept", path_));
   }
-  if (failed != 0) return IoError("replace", path_, errno);
+  if (failed) return IoError("replace", path_, errno);
   // A child that another thread has just forked has the file open until it executes its program:
   // closing alone would leave the lock until then, and readers would take the file for one that is
   // being removed.
   flock(fd_.get(), LOCK_UN);
   fd_.Reset();
   return SyncFolder(FolderOf(path_));
+}
+
+int RenameIfAbsent(const char* from, const char* to) {
+  const int failed = renameat2(AT_FDCWD, from, AT_FDCWD, to, RENAME_NOREPLACE);
+  if (failed == 0 || (errno != EINVAL && errno != ENOSYS)) return failed;
+  if (access(to, F_OK) == 0) {
+    errno = EEXIST;
+    return -1;
+  }
+  return rename(from, to);
 }
 
 Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path) {

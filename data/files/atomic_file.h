@@ -50,6 +50,9 @@ class AtomicFile {
 bool StillNamed(int fd, const std::string& path);
 // Whether an AtomicFile of this path is open, in any process.
 bool IsBeingWritten(const std::string& path);
+// Renames without replacing anything: -1, with errno EEXIST, if there is something at `to`. Where
+// the file system cannot do that, as NFS, what appears between the look and the rename is replaced.
+int RenameIfAbsent(const char* from, const char* to);
 // Writes all of `bytes` to `fd`; `path` is for error messages.
 Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path);
 // Makes renames and creations of files in `folder` durable (fsync of the folder).

@@ -55,11 +55,8 @@ Result<AtomicFolder> AtomicFolder::Create(const std::string& path) {
 
 Status AtomicFolder::Commit() {
   B4MRL_RETURN_IF_ERROR(SyncFolder(temporary_path_));
-  const char *from = temporary_path_.c_str(), *to = path_.c_str();
-  // Unlike rename, this replaces no empty folder. NFS cannot do it and answers EINVAL.
-  int failed = renameat2(AT_FDCWD, from, AT_FDCWD, to, RENAME_NOREPLACE);
-  if (failed != 0 && errno == EINVAL) failed = rename(from, to);
-  if (failed != 0) {
+  // Unlike rename, this replaces no empty folder.
+  if (RenameIfAbsent(temporary_path_.c_str(), path_.c_str()) != 0) {
     const bool exists = errno == EEXIST || errno == ENOTEMPTY;
     return exists ? Exists(path_) : IoError("create folder", path_, errno);
   }

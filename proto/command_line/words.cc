@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstddef>
 #include <limits>
 #include <utility>
 
@@ -53,6 +54,16 @@ std::optional<Status> UnknownWord(const CLI::App& app) {
   return InvalidArgument("argument", words[0], "options and values as in --help");
 }
 
+// Makes two words of "--name=", behind which CLI11 would take the next word for the value.
+void SplitEmptyValues(std::vector<std::string>* words) {
+  for (size_t i = 0; i < words->size(); ++i) {
+    std::string& word = (*words)[i];
+    if (!word.starts_with("--") || word.find('=') != word.size() - 1) continue;
+    word.pop_back();
+    words->insert(words->begin() + static_cast<std::ptrdiff_t>(i) + 1, "");
+  }
+}
+
 }  // namespace
 
 CLI::Validator Count(uint64_t low, uint64_t high) {
@@ -100,6 +111,7 @@ Status UnknownOption(const CLI::App& app, std::string_view option,
 }
 
 std::optional<int> ParseWords(CLI::App& app, std::vector<std::string> words) {
+  SplitEmptyValues(&words);
   if (const auto unknown = UnknownCommand(app, words)) return Refuse(app, *unknown);
   std::ranges::reverse(words);  // as CLI11 takes them
   try {

@@ -35,7 +35,8 @@ Status UnknownOption(const CLI::App& app, std::string_view option,
 
 // Parses the words behind the program's name. Returns nothing if the program is to go on, else its
 // exit code: help and the version are on stdout, or an error is on stderr, behind the name of
-// `app`. A word that is no command or no option is named, with the nearest one.
+// `app`. A word that is no command or no option is named, with the nearest one. "--name=" gives an
+// empty value, as "--name" and "" do.
 std::optional<int> ParseWords(CLI::App& app, std::vector<std::string> words);
 
 }  // namespace b4mrl

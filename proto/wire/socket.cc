@@ -54,29 +54,17 @@ bool ReceivePart(void* socket, Frame& frame) {
   return true;
 }
 
-// Reads the parts of a message after the first `more`; surplus parts empty the message (see the
-// header).
-Message ReceiveBody(void* socket, bool more) {
-  Message message;
-  size_t parts = 0;
-  while (more) {
+// Reads the parts that follow the `parts` of a message that were read; surplus parts empty the
+// message (see the header).
+Message ReceiveRest(void* socket, Message message, size_t parts, bool more) {
+  for (; more; ++parts) {
     Frame part;
     if (!ReceivePart(socket, part)) break;  // cannot happen: parts arrive together
     more = HasMore(part);
-    ++parts;
-    if (parts == 1) message.envelope = std::move(part);
-    if (parts == 2) message.payload = std::move(part);
+    if (parts == 0) message.envelope = std::move(part);
+    if (parts == 1) message.payload = std::move(part);
   }
-  if (parts > limits::kMaxFramesPerMessage) message = Message();
-  return message;
-}
-
-// The message that a DEALER received: `first` and the parts after it.
-Message WithRest(void* socket, Frame first) {
-  if (!HasMore(first)) return {std::move(first), Frame()};
-  Message rest = ReceiveBody(socket, true);
-  if (rest.payload.size() > 0) return Message();  // surplus parts: no parser accepts it
-  return {std::move(first), std::move(rest.envelope)};
+  return parts > limits::kMaxFramesPerMessage ? Message() : std::move(message);
 }
 
 bool SendPart(void* socket, Frame& frame, int flags) {
@@ -178,7 +166,7 @@ std::optional<IncomingMessage> RouterSocket::TryReceive() {
   if (!ReceivePart(socket_, id)) return std::nullopt;
   IncomingMessage incoming;
   incoming.sender.assign(id.view());
-  incoming.message = ReceiveBody(socket_, HasMore(id));
+  incoming.message = ReceiveRest(socket_, Message(), 0, HasMore(id));
   return incoming;
 }
 
@@ -250,7 +238,8 @@ Status DealerSocket::Send(Message message) {
 std::optional<Message> DealerSocket::TryReceive() {
   Frame first;
   if (!ReceivePart(socket_, first)) return std::nullopt;
-  return WithRest(socket_, std::move(first));
+  const bool more = HasMore(first);
+  return ReceiveRest(socket_, {std::move(first), Frame()}, 1, more);
 }
 
 std::optional<Message> DealerSocket::Receive(const Deadline& deadline) {
@@ -262,7 +251,8 @@ std::optional<Message> DealerSocket::Receive(const Deadline& deadline) {
   }
   Frame first;
   if (zmq_msg_recv(AsZmq(first), socket_, 0) < 0) return std::nullopt;
-  return WithRest(socket_, std::move(first));
+  const bool more = HasMore(first);
+  return ReceiveRest(socket_, {std::move(first), Frame()}, 1, more);
 }
 
 bool DealerSocket::Wait(const Deadline& deadline) {

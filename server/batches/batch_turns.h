@@ -7,8 +7,8 @@
 //
 // Of one connection one reply is under way at a time, and the next one begins after it, behind
 // those of other connections. Payloads take memory, so few large replies are under way at once, and
-// a bounded number of others. Requests that wait are bounded, too: of one connection the oldest
-// makes room, of all connections the newest of the one that has the most.
+// a bounded number of others. Requests that wait are bounded, too: of one connection the second
+// oldest makes room, of all connections the newest of the one that has the most.
 // Thread rule: one thread.
 #pragma once
 
@@ -16,7 +16,6 @@
 #include <deque>
 #include <functional>
 #include <map>
-#include <utility>
 
 #include "proto/base/clock.h"
 #include "proto/base/status.h"

@@ -308,6 +308,8 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
                                                  const std::atomic<bool>& cancelled) {
   const TransitionColumns columns = dataset->columns();
   const DatasetProvenance& provenance = file.contents.provenance;
+  // A crafted file may make the importer say anything, and its answers lie in the data folder.
+  B4MRL_RETURN_IF_ERROR(provenance.CheckHidden(columns.observation_size));
   const std::string environment = EnvironmentOf(file, request.name);
   B4MRL_RETURN_IF_ERROR(CheckEnvironment(request.name, environment, columns, request.environment));
   B4MRL_ASSIGN_OR_RETURN(

@@ -105,7 +105,7 @@ bool Supervisor::AnnounceWhenReady(int64_t now_ms) {
     // be refused too.
     const bool refused = child.deaths_before_ready() > 0 && child.last_exit_code() >= 0;
     if (refused || child.deaths_before_ready() >= kMaxDeathsAtStart ||
-        now_ms - shared_.header().start_ms > kStartMs) {
+        (!child.ready() && now_ms - shared_.header().start_ms > kStartMs)) {
       spdlog::error("{} does not start", ChildName(child.child()));
       return false;
     }

@@ -21,17 +21,17 @@ namespace {
 constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
 struct Handler {
   pb::Request::PayloadCase payload;
-  // Whether the request says more than its arrays do, so that a copy is not told by their bytes
-  // alone. A hash of it takes time that a step is spared.
+  // Whether a copy is not told by the bytes of its arrays alone, because the request says more, or
+  // names them in any order. A hash of it takes time that a step is spared.
   bool has_fields;
   // Makes the job; null for a request that the dispatcher answers itself.
   std::unique_ptr<RequestJob> (*make_job)(JobInput);
 };
 constexpr Handler kHandlers[] = {
-    {pb::Request::kAttach, true, nullptr},         {pb::Request::kClose, false, nullptr},
-    {pb::Request::kStep, false, NewStepJob},       {pb::Request::kReset, false, NewResetJob},
-    {pb::Request::kQuery, true, NewQueryJob},      {pb::Request::kSnapshot, false, NewSnapshotJob},
-    {pb::Request::kRestore, false, NewRestoreJob}, {pb::Request::kRender, true, NewRenderJob},
+    {pb::Request::kAttach, true, nullptr},        {pb::Request::kClose, false, nullptr},
+    {pb::Request::kStep, false, NewStepJob},      {pb::Request::kReset, false, NewResetJob},
+    {pb::Request::kQuery, true, NewQueryJob},     {pb::Request::kSnapshot, true, NewSnapshotJob},
+    {pb::Request::kRestore, true, NewRestoreJob}, {pb::Request::kRender, true, NewRenderJob},
 };
 static_assert(HandlesAll(Server::kWorker, kHandlers));
 

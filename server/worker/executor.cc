@@ -93,6 +93,8 @@ void Executor::Execute(const Piece& piece, WorkerThread& thread) {
   queue.Settle(piece, us);
   if (done < piece.count) {
     queue.PutBack(piece, done);
+    // As with any_completed_ below: one of the two threads sees what the other has written.
+    if (&thread != &socket_thread_) any_put_back_.store(true);
     WakeSocketThread();  // to take its share, or to leave it to the stand-in
     // Whoever looks for passed deadlines has not found these items while they were in the piece.
     if (const std::optional<Piece> rest = queue.TakeExpired(job)) Execute(*rest, thread);
@@ -136,7 +138,7 @@ std::vector<RequestJob*> Executor::TakeCompleted() {
 
 bool Executor::BeginWait() {
   waiting_.store(true);
-  return !any_completed_.load();
+  return !any_put_back_.exchange(false) && !any_completed_.load();
 }
 
 void Executor::EndWait() {

@@ -58,7 +58,8 @@ class Executor {
   // Jobs completed since the last call.
   std::vector<RequestJob*> TakeCompleted();
   // Between BeginWait and EndWait the caller may wait for completion_fd, which becomes readable
-  // when a job is completed. BeginWait returns false when there are completed jobs already.
+  // when a job is completed or items were put back. BeginWait returns false when that happened
+  // since the last TakeCompleted or BeginWait.
   bool BeginWait();
   void EndWait();
   int completion_fd() const { return completion_fd_; }
@@ -89,7 +90,8 @@ class Executor {
   std::mutex completed_mutex_;
   std::vector<RequestJob*> completed_;
   std::atomic<bool> any_completed_{false};
-  std::atomic<bool> waiting_{false};  // the socket's thread sleeps or is about to
+  std::atomic<bool> any_put_back_{false};  // by another thread than the socket's
+  std::atomic<bool> waiting_{false};       // the socket's thread sleeps or is about to
   int completion_fd_ = -1;
   // Last: these threads use all members above.
   std::vector<std::thread> pool_;  // the last one is the stand-in

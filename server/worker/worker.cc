@@ -6,7 +6,6 @@
 
 #include "proto/base/clock.h"
 #include "proto/base/cores.h"
-#include "proto/base/limits.h"
 #include "proto/base/spin.h"
 #include "server/door/doors.h"
 #include "server/process/child.h"
@@ -209,9 +208,8 @@ Status RunWorker(ChildContext& context) {
   if (!cores.empty()) PinThisThread({cores[0]});
   Context sockets;
   const WorkerShares memory = MemoryOf(context);
-  B4MRL_ASSIGN_OR_RETURN(
-      RouterSocket socket,
-      RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
   Doors doors(context.options().door_listener, spin_us, socket.unread().Beside(),
               memory.unfinished);
   Worker worker(context, memory, std::move(socket), std::move(doors), spin, cores);

@@ -42,10 +42,17 @@ TEST_CASE("An address is one to which a client can connect") {
 TEST_CASE("Words that an application knows let its program go on") {
   CLI::App app("An application.", "program");
   CLI::App* group = app.add_subcommand("group");
-  std::string value;
-  group->add_subcommand("command")->add_option("--name", value);
+  std::string value, other;
+  CLI::App* command = group->add_subcommand("command");
+  command->add_option("--name", value);
+  command->add_option("--other", other);
   CHECK(ParseWords(app, {"group", "command", "--name", "x"}) == std::nullopt);
   CHECK(value == "x");
+  CHECK(ParseWords(app, {"group", "command", "--name=x=", "--other=y"}) == std::nullopt);
+  CHECK(value == "x=");
+  CHECK(ParseWords(app, {"group", "command", "--name=", "--other=y"}) == std::nullopt);
+  CHECK(value.empty());
+  CHECK(other == "y");
   CHECK(ParseWords(app, {"group", "comand"}) == 2);
   CHECK(ParseWords(app, {"group", "command", "--nam", "x"}) == 2);
   CHECK(ParseWords(app, {"group", "command", "surplus"}) == 2);

@@ -5,7 +5,9 @@
 
 #include <catch2/catch.hpp>
 #include <cstring>
+#include <initializer_list>
 #include <string>
+#include <string_view>
 
 #include "proto/base/limits.h"
 
@@ -73,6 +75,29 @@ TEST_CASE("messages go there and back, with and without a payload") {
   CHECK(answer->envelope.view() == "answer");
   CHECK(answer->payload.size() == 0);
   CHECK(dealer.connections() == 1);
+}
+
+TEST_CASE("a client takes a message with surplus frames for an empty one") {
+  Connection connection;
+  const auto send = [&](std::initializer_list<std::string_view> frames) {
+    void* const socket = connection.router.handle();
+    zmq_send(socket, connection.client.data(), connection.client.size(), ZMQ_SNDMORE);
+    for (const std::string_view& frame : frames) {
+      const bool more = &frame + 1 != frames.end();
+      REQUIRE(zmq_send(socket, frame.data(), frame.size(), more ? ZMQ_SNDMORE : 0) >= 0);
+    }
+  };
+  const auto received = [&] {
+    std::optional<Message> message = connection.dealer.Receive(Deadline::AfterMs(kPatienceMs));
+    REQUIRE(message.has_value());
+    return std::string(message->envelope.view()) + "|" + std::string(message->payload.view());
+  };
+  send({"envelope", "payload"});
+  CHECK(received() == "envelope|payload");
+  send({"envelope", "payload", ""});
+  CHECK(received() == "|");
+  send({"envelope", "payload", "more", "and more"});
+  CHECK(received() == "|");
 }
 
 TEST_CASE("a peer on this machine is told from others, over ipc and over loopback") {

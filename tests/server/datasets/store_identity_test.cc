@@ -14,6 +14,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// A script in the importer's place, which answers every file with the columns in a folder, and
+// claims another dataset's names and these hidden dimensions for it.
+std::string LyingImporter(const StoreFixture& fixture, const std::string& columns,
+                          const std::string& fingerprint, const std::string& hidden = "") {
+  return fixture.WriteScript(
+      "cp -r " + columns + " \"$6/imported\"\n" +
+      R"(echo '{"ok": true, "rows": 1, "behaviour_policy": "", "provenance": )" +
+      R"({"name": "", "environment": "", "simulator": "", "recipe": "", )" +
+      R"("engine": "", "program": "", "command": "", "license": "", )" +
+      R"("hidden_dimensions": [)" + hidden + R"(], "history_length": 1, "parts": []}, )" +
+      R"("sha256": "ab", "columns_sha256": "cd", "fingerprint": ")" + fingerprint + "\"}'\n");
+}
+
 TEST_CASE("an importer cannot pass its columns off as another file's") {
   const StoreFixture fixture;
   const auto victim = fixture.OpenMade("");
@@ -25,21 +38,35 @@ TEST_CASE("an importer cannot pass its columns off as another file's") {
   ChangeManifest(stolen + "/manifest.json", [](nlohmann::json& manifest) {
     manifest["properties"]["transition_rule"] = "d4rl";
   });
-  const std::string claims = R"("sha256": "ab", "columns_sha256": "cd", "fingerprint": ")";
-  DatasetStore store = fixture.Store(
-      1ull << 30, fixture.WriteScript(
-                      "cp -r " + stolen + " \"$6/imported\"\n" +
-                      R"(echo '{"ok": true, "rows": 1, "behaviour_policy": "", "provenance": )" +
-                      R"({"name": "", "environment": "", "simulator": "", "recipe": "", )" +
-                      R"("engine": "", "program": "", "command": "", "license": "", )" +
-                      R"("hidden_dimensions": [], "history_length": 1, "parts": []}, )" + claims +
-                      victim->fingerprint + "\"}'\n"));
+  DatasetStore store =
+      fixture.Store(1ull << 30, LyingImporter(fixture, stolen, victim->fingerprint));
   const auto evil = fixture.OpenMade(store, {"HalfCheetah/evil", {}, 0, TransitionRule::kStored});
   INFO(evil.status().ToString());
   REQUIRE(evil.ok());
   CHECK(evil->fingerprint != victim->fingerprint);
   CHECK(evil->info.sha256 == Sha256OfFile(fixture.folder.File("HalfCheetah/evil.h5")).value());
   CHECK(evil->info.columns_sha256 == victim->info.columns_sha256);  // of what it did write
+}
+
+TEST_CASE("an importer cannot hide dimensions that the columns have not") {
+  const StoreFixture fixture;
+  const auto honest = fixture.OpenMade("");
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/evil.h5"), fixture.data).ok());
+  const std::string columns = fixture.folder.File(".cache/" + honest->fingerprint);
+  for (const auto& [hidden, is_refused] : {std::pair{"9, 4000", true}, std::pair{"9", false}}) {
+    CAPTURE(hidden);
+    DatasetStore store =
+        fixture.Store(1ull << 30, LyingImporter(fixture, columns, honest->fingerprint, hidden));
+    const Status opened =
+        fixture
+            .OpenMade(store,
+                      {"HalfCheetah/evil", {{"obs-noise", "0.1"}}, 0, TransitionRule::kStored})
+            .status();
+    INFO(opened.ToString());
+    CHECK(opened.ok() != is_refused);
+    if (is_refused) CHECK_THAT(opened.message(), Catch::Contains("is 4000, allowed: 0..16"));
+    fs::remove_all(fixture.folder.File(".cache/index"));
+  }
 }
 
 TEST_CASE("files with equal rows are one dataset, whatever else they say") {

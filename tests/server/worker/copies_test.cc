@@ -58,5 +58,31 @@ TEST_CASE("A query that differs by a number beside its arrays is no copy") {
   REQUIRE(worker.answers[1].code() == StatusCode::kOk);
 }
 
+TEST_CASE("A Restore that gives its arrays other names is no copy, though their bytes are equal") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  pb::Request restore;
+  restore.set_request_id(7);
+  restore.mutable_restore();
+  const std::vector<double> low(9, 0), high(9, 0.25);
+  const auto send = [&](const char* first, const char* second) {
+    worker.Send(
+        restore,
+        {Numbers({2}), Array<double>(first, {1, 9}, low), Array<double>(second, {1, 9}, high)},
+        true);
+  };
+  send("qpos", "qvel");
+  send("qpos", "qvel");
+  REQUIRE(worker.answers.empty());
+  send("qvel", "qpos");
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kInvalidArgument);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 2);
+  REQUIRE(worker.answers[1].code() == StatusCode::kOk);
+}
+
 }  // namespace
 }  // namespace b4mrl

@@ -321,7 +321,9 @@ class Connection:
         """The time at which the first pending request is sent again or given up."""
         wake = math.inf
         for pending in self._pending.values():
-            wake = min(wake, pending.deadline, self._resend_time(pending))
+            wake = min(wake, pending.deadline)
+            if self._handshakes:  # before the first one, nothing is sent again
+                wake = min(wake, self._resend_time(pending))
         return wake
 
     def _end(self, pending: Pending) -> float:
