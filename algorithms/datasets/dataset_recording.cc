@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "algorithms/base/learner.h"
 #include "algorithms/base/progress.h"
 #include "algorithms/episodes/behaviour.h"
 #include "algorithms/episodes/collect.h"
@@ -74,12 +75,13 @@ Status Session::Describe(const std::string& simulator) {
   EnvironmentOptions options;
   B4MRL_ASSIGN_OR_RETURN(options.simulator, ParseNamedArguments(simulator));
   options.seed = 0;
+  options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(const RemoteEnvironment session, client_.Make(environment_.name, options));
-  const auto& perturbations = session.in_force().perturbations();
+  const auto perturbations = NamedArgumentsOf(session.in_force().perturbations());
   DatasetProvenance& provenance = recording_.provenance;
   provenance.name = order_.name;
   provenance.environment = environment_.name;
-  provenance.simulator = FormatNamedArguments(NamedArgumentsOf(perturbations));
+  provenance.simulator = FormatNamedArguments(perturbations);
   B4MRL_ASSIGN_OR_RETURN(const std::vector<float> mask,
                          MaskOfPerturbations(session.spec().observation, perturbations));
   for (uint32_t i = 0; i < mask.size(); ++i) {

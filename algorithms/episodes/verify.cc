@@ -90,7 +90,7 @@ class PartVerifier {
 
 Result<std::optional<RowDifference>> PartVerifier::Run(uint64_t first_row, Progress& progress) {
   const uint64_t end = first_row + part_.rows;
-  const uint64_t row_numbers = 2ull * file_.observation_size() + file_.action_size();
+  const uint64_t row_numbers = file_.row_numbers();
   const uint64_t most = std::min(kRowsAtOnce, kNumbersAtOnce / row_numbers);
   for (block_row_ = first_row; block_row_ < end && !first_;) {
     const uint64_t count = std::min(most, end - block_row_);
@@ -330,15 +330,9 @@ Result<RemoteEnvironment> OpenFor(const DatasetFileReader& file, const std::stri
   options.autoreset_mode = AutoresetMode::kDisabled;
   options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment, options));
-  const EnvironmentSpec& spec = session.spec();
-  if (spec.observation.size() == file.observation_size() &&
-      spec.action.size() == file.action_size()) {
-    return session;
-  }
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("the file has {} observation and {} action values, {} has {} and {}",
-                            file.observation_size(), file.action_size(), environment,
-                            spec.observation.size(), spec.action.size()));
+  B4MRL_RETURN_IF_ERROR(
+      session.spec().CheckSizes("the file", file.observation_size(), file.action_size()));
+  return session;
 }
 
 }  // namespace

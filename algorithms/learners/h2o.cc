@@ -22,7 +22,6 @@
 #include <fmt/format.h>
 
 #include <memory>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -164,8 +163,8 @@ Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
 
 HyperparameterTable Table() {
   const HyperparameterTable own = {
-      Whole("steps-per-cycle", 1000, {1, 1e9},
-            "steps taken in the simulator at the start of each cycle",
+      Whole("steps-per-cycle", 1000, {1, 1e5},
+            "steps taken in the simulator at the start of each cycle, which no signal interrupts",
             {.unit = "transitions", .source = kAuthors}),
       Whole("updates-per-cycle", 1000, {1, 1e9},
             "length of a cycle: updates from one turn in the simulator to the next",

@@ -39,12 +39,14 @@ ModelBased::ModelBased(const LearnerContext& context, Parts parts)
 Status ModelBased::TrainModel(const ModelData& data, Progress& progress) {
   if (*context_.stop) return Status();  // `data` may be incomplete then
   if (data.invalid_rows > 0) {
-    progress.Message(fmt::format("{} of {} rows have no finite target for the model: dropped",
-                                 data.invalid_rows, dataset_.remote().rows()));
+    progress.Message(
+        fmt::format("{} of {} rows dropped: they have no next observation, the simulator could not "
+                    "answer them, or a number is not finite",
+                    data.invalid_rows, dataset_.remote().rows()));
   }
-  B4MRL_ASSIGN_OR_RETURN(const EnsembleTraining training,
-                         TrainEnsemble(data.view(), EnsembleFilesOf(context_), ensemble_, progress,
-                                       *context_.stop));
+  B4MRL_ASSIGN_OR_RETURN(
+      const EnsembleTraining training,
+      TrainEnsemble(data.view(), EnsembleFilesOf(context_), ensemble_, progress, *context_.stop));
   ensemble_key_ = training.key;
   ensemble_seconds_before_ = training.seconds_before;
   // The training may have outlasted the idle session's lease.
@@ -74,7 +76,8 @@ Status ModelBased::RollOut(MetricMeans& metrics) {
   B4MRL_ASSIGN_OR_RETURN(const RolloutCounts counts, rollout_.Finish(pool_));
   if (counts.rows == 0) {
     return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("all {} rollouts of cycle {} left the finite numbers",
+                  fmt::format("all {} rollouts of cycle {} left the finite numbers, or what the "
+                              "simulator can answer",
                               counts.invalid_rows, cycle));
   }
   std::optional<Generation> next;

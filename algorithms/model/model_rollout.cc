@@ -140,7 +140,7 @@ Status ModelRollout::SendQuery(Chunk& chunk) {
   for (size_t i = 0; i < actions.size(); ++i) {
     actions[i] *= options_.action_scale[i % options_.action_size];
   }
-  // Draw 0 belongs to the pre-pass over the dataset.
+  // Draws count from 1: another first number would be another run.
   const uint64_t draw = 1 + cycle_ * static_cast<uint64_t>(options_.horizon) + chunk.step;
   B4MRL_ASSIGN_OR_RETURN(
       chunk.request,

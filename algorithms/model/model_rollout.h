@@ -28,7 +28,6 @@
 #include <deque>
 #include <memory>
 #include <optional>
-#include <span>
 #include <thread>
 #include <vector>
 
@@ -56,7 +55,7 @@ struct ModelRolloutOptions {
 
 struct RolloutCounts {
   uint64_t rows = 0;             // transitions made
-  uint64_t invalid_rows = 0;     // rows dropped because a number was not finite
+  uint64_t invalid_rows = 0;     // rows dropped: no answer, or a number not finite
   uint64_t terminated_rows = 0;  // transitions that ended an episode
   double reward_sum = 0;         // sum of the rewards r~, penalty included, over `rows`
 };

@@ -1,6 +1,6 @@
 // Element-wise passes over activations and parameters between two matrix products, fused so that
 // each pass touches memory once. Compiled with vectorisation (algorithms/CMakeLists.txt). A NaN in
-// a pass's input stays in its output. Thread rule: pure functions. Internal to nn/.
+// a forward pass's input stays in its output. Thread rule: pure functions. Internal to nn/.
 #pragma once
 
 #include <span>

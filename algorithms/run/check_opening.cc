@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "proto/wire/named_arguments.h"
+#include "algorithms/base/learner.h"
 
 namespace b4mrl {
 
@@ -10,6 +10,7 @@ Status CheckOpening(const TrainOptions& options, Client& client) {
   for (const std::string& text : {options.simulator, options.world}) {
     if (text.empty()) continue;  // every environment opens without perturbations
     EnvironmentOptions session;
+    session.deadline_ms = kLearnerDeadlineMs;
     B4MRL_ASSIGN_OR_RETURN(session.simulator, ParseNamedArguments(text));
     B4MRL_RETURN_IF_ERROR(client.Make(options.environment, session).status());
   }

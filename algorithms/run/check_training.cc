@@ -78,6 +78,7 @@ Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environ
   B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
   B4MRL_RETURN_IF_ERROR(CheckPrecisionHasProducts(options, *algorithm));
   B4MRL_RETURN_IF_ERROR(CheckPrecision(options.precision));
+  B4MRL_RETURN_IF_ERROR(environment.CheckActionScale());
   const uint64_t values = environment.observation.size();
   const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
   if (options.history_length < 1 || options.history_length > most) {

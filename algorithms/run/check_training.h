@@ -26,8 +26,9 @@ Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm);
 
 // kInvalidArgument, naming the option, for a --history longer than an agent file holds, for a
 // --stop-at-score in an environment without normalised scores, for a --precision that would change
-// nothing, and for hyperparameters that contradict each other or `environment`. Train runs this
-// check, too.
+// nothing, and for hyperparameters that contradict each other or `environment`; kFailedPrecondition
+// for a --precision that this processor lacks; kUnsupported for actions that no learner can scale.
+// Train runs this check, too.
 Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment);
 
 }  // namespace b4mrl

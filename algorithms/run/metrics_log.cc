@@ -66,10 +66,12 @@ MetricRow ParseLine(const std::string& line) {
 // Calls `use` with each row of metrics.jsonl.
 Status ForEachRow(const std::string& path, const std::function<Status(const MetricRow&)>& use) {
   std::ifstream lines(path);
+  const bool is_open = lines.is_open();
   for (std::string line; std::getline(lines, line);) {
     B4MRL_RETURN_IF_ERROR(use(ParseLine(line)));
   }
-  return lines.bad() ? Status(StatusCode::kIoError, fmt::format("cannot read {}", path)) : Status();
+  return !is_open || lines.bad() ? Status(StatusCode::kIoError, fmt::format("cannot read {}", path))
+                                 : Status();
 }
 
 }  // namespace

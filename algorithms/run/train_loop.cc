@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -375,7 +374,7 @@ TrainSummary TrainRun::Summary(const Status& status) {
 
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop) {
-  constexpr std::string_view kPurpose = "these networks and batch";
+  constexpr std::string_view kPurpose = "these networks, batch and data";
   TrainRun run(options, client, progress, stop);
   B4MRL_RETURN_IF_ERROR(CheckOpening(options, client));
   B4MRL_RETURN_IF_ERROR(run.TakeFolder());

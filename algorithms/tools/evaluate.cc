@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "algorithms/base/learner.h"
 #include "algorithms/episodes/evaluate.h"
 #include "algorithms/policy/agent_policy.h"
 #include "algorithms/tools/command.h"
@@ -82,6 +83,7 @@ void SayWorldOf(const AgentProvenance& provenance, Client& client, const std::st
   const auto in_force = [&](const std::vector<NamedArgument>& perturbations) {
     EnvironmentOptions options;
     options.simulator = perturbations;
+    options.deadline_ms = kLearnerDeadlineMs;
     const auto session = client.Make(environment, options);
     return session.ok() ? NamedArgumentsOf(session->in_force().perturbations()) : perturbations;
   };

@@ -15,7 +15,7 @@ EnvironmentSpec SpecOf(const std::string& name, size_t observation_size, size_t 
   EnvironmentSpec spec;
   spec.name = name;
   spec.observation.dimensions.resize(observation_size);
-  spec.action.dimensions.resize(action_size);
+  spec.action.dimensions.resize(action_size, {"", "", -1, 1});
   return spec;
 }
 
@@ -51,6 +51,14 @@ TEST_CASE("Every algorithm's defaults go together, with every environment's size
     CHECK(CheckTraining(OptionsOf(std::string(algorithm.name)), kCheetah).ok());
     CHECK(CheckTraining(OptionsOf(std::string(algorithm.name)), kHumanoid).ok());
   }
+}
+
+TEST_CASE("An environment whose actions no learner can scale is refused") {
+  EnvironmentSpec one_sided = kCheetah;
+  one_sided.action.dimensions[3].low = 0;
+  const Status refused = CheckTraining(OptionsOf("sac"), one_sided);
+  CHECK(refused.code() == StatusCode::kUnsupported);
+  CHECK(refused.message().find("of HalfCheetah lies in 0..1, allowed: -x..x") != std::string::npos);
 }
 
 TEST_CASE("A history that no agent file holds is refused by name") {

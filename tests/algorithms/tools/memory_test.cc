@@ -30,7 +30,8 @@ TEST_CASE("A run that needs more memory than there is fails and says so") {
                                "8", "--out", run, "--endpoint", daemon->endpoint()});
   INFO(outcome.err);
   CHECK(outcome.exit_code == 1);
-  CHECK(outcome.err.find("not enough memory for these networks and batch") != std::string::npos);
+  CHECK(outcome.err.find("not enough memory for these networks, batch and data") !=
+        std::string::npos);
   const Result<RunStatus> status = ReadRunStatus(run);
   REQUIRE(status.ok());
   CHECK(status->state == RunState::kFailed);
