@@ -1,8 +1,6 @@
 #include "benchmarks/evidence/aggregates.h"
 
 #include <algorithm>
-#include <cstdint>
-#include <map>
 #include <set>
 #include <span>
 #include <string>
@@ -52,22 +50,46 @@ Benchmarks Shared(const ScoreTable& table, const std::vector<Series>& series) {
   return Distinct(table, series, table.benchmarks());
 }
 
-// The series that are compared, and where.
-std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
-  std::vector<Series> series = table.series();
-  std::map<Series, size_t> cells;
-  for (const Series& each : series) cells[each] = Shared(table, {each}).size();
-  while (series.size() >= 2) {
-    Benchmarks shared = Shared(table, series);
-    if (shared.size() >= kLeastBenchmarks) return {series, shared};
-    const auto left_by = [&](const Series& each) {
-      std::vector<Series> others = series;
-      std::erase(others, each);
-      return std::pair(Shared(table, others).size(), -static_cast<int64_t>(cells.at(each)));
-    };
-    series.erase(std::ranges::max_element(series, {}, left_by));
+// The two series that share the most benchmarks, and these.
+std::pair<std::vector<Series>, Benchmarks> ChoosePair(const ScoreTable& table) {
+  const std::vector<Series>& all = table.series();
+  std::pair<std::vector<Series>, Benchmarks> chosen;
+  for (size_t i = 0; i < all.size(); ++i) {
+    for (size_t j = i + 1; j < all.size(); ++j) {
+      Benchmarks shared = Shared(table, {all[i], all[j]});
+      if (shared.size() > chosen.second.size()) chosen = {{all[i], all[j]}, std::move(shared)};
+    }
   }
-  return {};
+  return chosen;
+}
+
+// The series that are compared, in the order of the table, and where.
+std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
+  auto [chosen, benchmarks] = ChoosePair(table);
+  if (benchmarks.size() < kLeastBenchmarks) return {};
+  std::vector<Series> left = table.series();
+  while (true) {
+    std::erase_if(
+        left, [&](const Series& each) { return std::ranges::find(chosen, each) != chosen.end(); });
+    Benchmarks most;
+    Series next;
+    for (const Series& each : left) {
+      std::vector<Series> with = chosen;
+      with.push_back(each);
+      Benchmarks shared = Shared(table, with);
+      if (shared.size() < kLeastBenchmarks || shared.size() <= most.size()) continue;
+      most = std::move(shared);
+      next = each;
+    }
+    if (most.empty()) break;
+    chosen.push_back(next);
+    benchmarks = std::move(most);
+  }
+  std::vector<Series> in_order = table.series();
+  std::erase_if(in_order, [&](const Series& each) {
+    return std::ranges::find(chosen, each) == chosen.end();
+  });
+  return {std::move(in_order), std::move(benchmarks)};
 }
 
 Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {

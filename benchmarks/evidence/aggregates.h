@@ -45,8 +45,9 @@ struct Aggregates {
   std::vector<Improvement> improvements;  // every pair once, the likelier winner first
 };
 
-// Nothing while no two series share kLeastBenchmarks. Until those that are left do, the series is
-// left out without which the others share the most, or of equal ones that with the fewest cells.
+// Of the two series that share the most benchmarks and, one after another, of the others that which
+// leaves the most shared, as long as that is kLeastBenchmarks or more. Nothing if no two share so
+// many.
 std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores& paper);
 
 }  // namespace b4mrl

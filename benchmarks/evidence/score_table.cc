@@ -139,19 +139,19 @@ void ScoreTable::SortRuns() {
     bool has_ended = false;
     uint64_t updates = 0, rows = 0;
   };
-  std::map<std::pair<std::string, std::string>, Group> groups;
+  std::map<std::string, Group> groups;  // by the cell's key
   for (const ScoredRun& run : *runs_) {
-    Group& group = groups[{run.cell_id, run.columns_sha256}];
+    Group& group = groups[run.cell_key];
     ++group.runs;
     group.has_ended |= run.ended;
     group.updates = std::max(group.updates, run.updates);
     group.rows = std::max(group.rows, run.rows);
   }
   std::ranges::stable_sort(*runs_, {}, [&](const ScoredRun& run) {
-    const Group& group = groups.at({run.cell_id, run.columns_sha256});
+    const Group& group = groups.at(run.cell_key);
     return std::tuple(runs_->size() - group.runs, !group.has_ended, UINT64_MAX - group.updates,
-                      UINT64_MAX - group.rows, run.cell_id, run.columns_sha256, run.seed,
-                      !run.ended, UINT64_MAX - run.updates, run.precision);
+                      UINT64_MAX - group.rows, run.cell_key, run.seed, !run.ended,
+                      UINT64_MAX - run.updates, run.precision);
   });
 }
 
@@ -169,10 +169,12 @@ void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
       const ScoredRun* other = cell.runs.empty() ? nullptr : cell.runs.back();
       if (other == nullptr) {
         cell.runs.push_back(&run);
-      } else if (other->cell_id != run.cell_id || other->columns_sha256 != run.columns_sha256) {
-        left_out.insert(fmt::format(
-            "{} was left out: {} fills its cell with other hyperparameters or rows of the dataset",
-            run.file, other->file));
+      } else if (other->cell_key != run.cell_key) {
+        left_out.insert(
+            fmt::format("{} was left out: {} fills its cell with other hyperparameters, "
+                        "perturbations or rows of "
+                        "the dataset",
+                        run.file, other->file));
       } else if (other->is_return != run.is_return) {
         left_out.insert(
             fmt::format("{} was left out: of it and {} one has scores, the other returns", run.file,
@@ -264,7 +266,7 @@ void ScoreTable::NoteMixedRuns() {
       std::string what = updates.size() > 1      ? "numbers of updates"
                          : precisions.size() > 1 ? "precisions"
                                                  : "processors or BLAS kernels";
-      if (!noted.insert(cell.runs.front()->cell_id).second) continue;
+      if (!noted.insert(cell.runs.front()->cell_key).second) continue;
       notes_.push_back(fmt::format("{} on {} is a mean over several {}", DisplayName(series),
                                    benchmark->name, what));
     }

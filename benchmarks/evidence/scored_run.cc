@@ -90,7 +90,7 @@ std::optional<ScoredRun> ScoredRun::At(uint64_t end) const {
 Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
   ScoredRun run;
   run.id = TextOf(json, "id");
-  run.cell_id = TextOf(json, "cell");
+  run.cell_key = CellKey(json);
   run.series = {TextOf(json, "algorithm"), TextOf(json, "recipe")};
   run.seed = CountOf(json, "seed").value_or(0);
   run.simulator = TextOf(json, "simulator");
@@ -103,7 +103,7 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
   }
   ReadOrigin(json, &run);
   auto curve = ReadCurve(EntryOf(json, "curve"));
-  if (run.id.empty() || run.cell_id.empty() || run.series.algorithm.empty() || !curve) {
+  if (run.id.empty() || TextOf(json, "cell").empty() || run.series.algorithm.empty() || !curve) {
     return Status(StatusCode::kDataLoss, "it is no result of a run");
   }
   if (!std::ranges::all_of(*curve, HasScale)) {

@@ -23,7 +23,8 @@ struct Series {
 
 // A run as its result tells of it, at its last evaluation that counts (see ReadingLimit).
 struct ScoredRun {
-  std::string id, cell_id, file;  // `file` without its folder
+  std::string id, file;  // `file` without its folder
+  std::string cell_key;  // equal for the runs of one cell
   Series series;
   std::string simulator, dataset;  // "": none
   std::string dataset_file;        // with its version: "HalfCheetah/medium-v0"

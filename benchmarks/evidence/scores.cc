@@ -53,16 +53,19 @@ std::optional<Interval> CellScore::Interval95() const {
   return Interval{mean - quantile * standard_error, mean + quantile * standard_error};
 }
 
-const CellScore& ScoreAt(const CellScore& score, uint64_t updates) {
+const CellScore* ScoreAt(const CellScore& score, uint64_t updates) {
+  if (score.updates <= updates) return &score;
   const auto found = std::ranges::find(score.earlier, updates, &CellScore::updates);
-  return found == score.earlier.end() ? score : *found;
+  return found == score.earlier.end() ? nullptr : &*found;
 }
 
 std::optional<std::pair<CellScore, CellScore>> AtEqualUpdates(const CellScore& one,
                                                               const CellScore& other) {
   if (one.recipe != other.recipe) return std::nullopt;
   const uint64_t updates = std::min(one.updates, other.updates);
-  return std::pair(ScoreAt(one, updates), ScoreAt(other, updates));
+  const CellScore *first = ScoreAt(one, updates), *second = ScoreAt(other, updates);
+  if (first == nullptr || second == nullptr) return std::nullopt;
+  return std::pair(*first, *second);
 }
 
 const CellScore* Find(const CellScores& scores, const std::string& benchmark,

@@ -55,10 +55,12 @@ struct CellScore {
 using CellName = std::pair<std::string, std::string>;
 using CellScores = std::map<CellName, CellScore>;
 
-// The score after so many updates: an earlier one, if it has that, or itself.
-const CellScore& ScoreAt(const CellScore& score, uint64_t updates);
+// The score after so many updates: itself, if it has no more, or an earlier one. Null if the runs
+// were not evaluated until then.
+const CellScore* ScoreAt(const CellScore& score, uint64_t updates);
 // What two scores of one algorithm differ by, where its training must not: that of the longer runs
-// as it was when they had as many updates as the others. Nothing if they are by two recipes.
+// as it was when they had as many updates as the others. Nothing if they were not evaluated until
+// then, or are by two recipes.
 std::optional<std::pair<CellScore, CellScore>> AtEqualUpdates(const CellScore& one,
                                                               const CellScore& other);
 

@@ -41,6 +41,7 @@ CellScores WithThePapers(const Evidence& evidence, const std::string& algorithm)
     score.mean = theirs->mean;
     score.standard_error = theirs->standard_error;
     score.degrees = theirs->degrees;
+    score.updates = theirs->updates;
     score.earlier.clear();  // the paper has no scores after fewer updates
   }
   return scores;

@@ -82,6 +82,14 @@ Result<Reading> ReadingOf(const std::string& at) {
     reading.limit = [updates](const ScoredRun&) { return std::optional(updates); };
     return reading;
   }
+  // Results have the names of presets, and no report asks a daemon what these stand for.
+  for (const BudgetException& exception : budget.exceptions) {
+    for (const std::string& simulator : exception.simulators) {
+      if (simulator.find('=') == std::string::npos) continue;
+      return InvalidArgument(fmt::format("--at {}: an exception's simulator", at), simulator,
+                             "presets by their names");
+    }
+  }
   reading.limit = [budget](const ScoredRun& run) {
     if (run.source != "own") return budget.learner_updates;
     return budget.UpdatesOf(run.series.algorithm, run.simulator, run.dataset);

@@ -145,8 +145,8 @@ Panel ConditionsPanel(const std::string& title, const std::string& flaw,
     std::string recipe;  // of the last dot
     for (size_t place = 0; place < conditions.size(); ++place) {
       const CellScore* found = Find(scores, conditions[place], each.algorithm);
-      if (found == nullptr) continue;
-      const CellScore* score = &ScoreAt(*found, updates);
+      const CellScore* score = found == nullptr ? nullptr : ScoreAt(*found, updates);
+      if (score == nullptr) continue;
       const auto x = static_cast<double>(place);
       // Neighbours alone are joined: a line over a missing one would show a score that nobody has.
       // And of one recipe: else it would show what the recipe changes.
@@ -179,12 +179,13 @@ Dots DimensionDots(size_t series, const CellScores& scores, const std::string& a
     const CellScore* found = Find(scores, benchmarks[place], algorithm);
     if (found == nullptr) continue;
     if (unhidden != nullptr && found->recipe != unhidden->recipe) continue;
-    const CellScore& score = ScoreAt(*found, updates);
-    dots.dots.push_back({.x = score.mean,
+    const CellScore* score = ScoreAt(*found, updates);
+    if (score == nullptr) continue;
+    dots.dots.push_back({.x = score->mean,
                          .y = static_cast<double>(place) + Dodge(series, 2, 0.4),
-                         .x_interval = WhiskerOf(score),
-                         .open = !score.settled,
-                         .hint = HintOf(benchmarks[place], algorithm, score)});
+                         .x_interval = WhiskerOf(*score),
+                         .open = !score->settled,
+                         .hint = HintOf(benchmarks[place], algorithm, *score)});
   }
   return dots;
 }

@@ -30,8 +30,8 @@ std::string Replaced(std::string_view text,
 
 std::string Markdown(std::string_view text) {
   static constexpr std::pair<std::string_view, std::string_view> kRules[] = {
-      {"\\", "\\\\"}, {"&", "&amp;"}, {"<", "&lt;"}, {"|", "\\|"},   {"*", "\\*"},
-      {"_", "\\_"},   {"`", "\\`"},   {"$", "\\$"},  {"](", "]\\("}, {"\n", " "}};
+      {"\\", "\\\\"}, {"&", "&amp;"}, {"<", "&lt;"},  {"|", "\\|"}, {"*", "\\*"}, {"_", "\\_"},
+      {"`", "\\`"},   {"$", "\\$"},   {"](", "]\\("}, {"\n", " "},  {"\r", " "}};
   return Replaced(text, kRules);
 }
 
@@ -57,7 +57,8 @@ std::string Latex(std::string_view text) {
       {"↘", "$\\searrow$"},
       {"−", "$-$"},
       {"…", "\\ldots{}"},
-      {"\n", " "}};
+      {"\n", " "},
+      {"\r", " "}};
   return Replaced(text, kRules);
 }
 

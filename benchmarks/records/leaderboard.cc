@@ -11,7 +11,6 @@
 #include <optional>
 #include <set>
 #include <string_view>
-#include <utility>
 
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
@@ -42,8 +41,8 @@ bool IsPublished(const Json& dataset, const PublishedDatasets& published) {
 Json Needed(const Json& result, const std::set<std::string>& benchmarks) {
   Json needed = SeedMarks(result);
   needed["benchmarks"] = benchmarks;
-  for (const char* key : {"id", "algorithm", "recipe", "source", "precision", "simulator",
-                          "corruption", "world"}) {
+  for (const char* key :
+       {"id", "algorithm", "recipe", "source", "precision", "simulator", "corruption", "world"}) {
     needed[key] = TextOf(result, key);
   }
   const auto add_numbers = [](const Json& from, std::initializer_list<const char*> keys, Json* to) {
@@ -225,16 +224,11 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   for (size_t i = 0; i < results.size(); ++i) {
     if (!copies[i].empty()) copied.insert(&results[i]);
   }
-  // By benchmark, then by cell and by the data, as other rows are another cell. The cell of a
-  // user's learner hangs on its benchmark's name, which may have meant another world before.
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
-    const std::string data = TextOf(EntryOf(result, "dataset"), "columns_sha256");
-    const std::string world =
-        fmt::format(" {} {} {}", TextOf(result, "simulator"), TextOf(result, "corruption"),
-                    TextOf(result, "world"));
+    const std::string key = CellKey(result);
     for (const Json& name : EntryOf(result, "benchmarks")) {
-      Cell& cell = cells[name.get<std::string>()][TextOf(result, "cell") + data + world];
+      Cell& cell = cells[name.get<std::string>()][key];
       cell.Add(&result);
       cell.has_copies |= copied.contains(&result);
     }

@@ -188,16 +188,24 @@ std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
   return fmt::format("{}/score-{}.json", run_folder, scoring.name);
 }
 
+std::string CellKey(const Json& result) {
+  return fmt::format("{} {} {} {} {}", TextOf(result, "cell"),
+                     TextOf(EntryOf(result, "dataset"), "columns_sha256"),
+                     TextOf(result, "simulator"), TextOf(result, "corruption"),
+                     TextOf(result, "world"));
+}
+
 std::string FolderOfResults(const std::string& folder) {
   std::error_code error;
   const std::string inside = folder + "/results";
   if (!std::filesystem::is_directory(inside, error)) return folder;
   // A copy of a folder of results into another one lies inside it under that name.
   const auto own = FilesIn(folder, ".json");
-  const bool holds_results = own.ok() && std::ranges::any_of(*own, [](const std::string& path) {
-    const auto read = ReadJsonObject(path);
-    return read.ok() && EntryOf(*read, "benchmarks").is_array() && read->contains("curve");
-  });
+  const bool holds_results =
+      own.ok() && std::ranges::any_of(*own, [](const std::string& path) {
+        const auto read = ReadJsonObject(path);
+        return read.ok() && EntryOf(*read, "benchmarks").is_array() && read->contains("curve");
+      });
   return holds_results ? folder : inside;
 }
 

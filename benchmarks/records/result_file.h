@@ -11,7 +11,6 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <vector>
 
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/curve.h"
@@ -66,6 +65,12 @@ struct RunResult {
   // of the user's own that was told to do so many decides itself when it has finished.
   bool IsDone(const PlannedRun& run, uint64_t target) const;
 };
+
+// What a result's run has in common with those of other seeds that it may be averaged with. Results
+// on other rows of their dataset have another one. So have those of other perturbations, which the
+// cell's id does not tell for a user's learner: that hangs on its benchmark's name, which may have
+// meant another world before.
+std::string CellKey(const nlohmann::ordered_json& result);
 
 // Where the results of a folder lie: in its folder "results" if it has one and holds no results
 // itself, as the folder of a suite's runs does, else in itself.

@@ -21,6 +21,14 @@ constexpr int64_t kPatienceMs = 10'000;  // with another process that writes the
 
 std::string PlanPath(const std::string& folder) { return folder + "/plan.json"; }
 
+// Writes the list if there is none: numbers of jobs point into the one that is there.
+Status WriteOnce(const std::string& path, const std::string& text) {
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path));
+  B4MRL_RETURN_IF_ERROR(file.Write(text));
+  const Status written = file.Commit(Existing::kKeep);
+  return written.code() == StatusCode::kFailedPrecondition ? Status() : written;
+}
+
 }  // namespace
 
 Result<std::vector<std::string>> FreezePlan(const std::string& folder,
@@ -32,8 +40,7 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
   const Deadline patience = Deadline::AfterMs(kPatienceMs);
   std::error_code error;
   while (!std::filesystem::exists(path, error)) {
-    const Status written = WriteSmallFile(path, json.dump(1) + "\n");
-    // Of several that write it at once, one succeeds, and equal commands write equal lists.
+    const Status written = WriteOnce(path, json.dump(1) + "\n");
     if (!written.ok() && (written.code() != StatusCode::kBusy || patience.expired())) {
       return written;
     }

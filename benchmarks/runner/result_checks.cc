@@ -171,7 +171,12 @@ void ResultChecks::Begin(size_t number) {
 Status ResultChecks::TryToBegin(size_t number) {
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadJsonObject(checked_[number].path));
   const size_t episodes = EpisodesToCompare(result);
-  if (episodes == 0 || episodes > limits::kMaxLanesPerSession) return Status();
+  if (episodes == 0) return Status();
+  if (episodes > limits::kMaxLanesPerSession) {
+    return InvalidNumber(
+        "number of returns beside an agent", static_cast<double>(episodes),
+        fmt::format("at most {}, as many as are scored again", limits::kMaxLanesPerSession));
+  }
   const auto perturbations = ScoredUnder(result, sources_);
   if (!perturbations.ok()) return Status();  // which its faults say
   const EvaluationOrder order = {.agent = AgentOf(number),

@@ -4,7 +4,6 @@
 #include <poll.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <system_error>
@@ -19,7 +18,6 @@
 #include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/run_folder.h"
 #include "client/interrupt.h"
-#include "data/files/atomic_file.h"
 #include "data/files/make_folder.h"
 
 namespace b4mrl {
@@ -92,6 +90,7 @@ void Runner::LookAtResults() {
     const auto result = ReadResult(ResultPath(options_.results, *task.run));
     if (!result.ok() || !*result) continue;  // Begin reports what cannot be read
     task.updates = (*result)->updates;
+    task.target = UpdatesToTrain(*task.run, *result, options_.until_settled);
     costs_.Learn(*task.run, **result);
   }
 }
@@ -381,7 +380,7 @@ Status Runner::WriteResult(Task& task) {
 void Runner::End(Task& task) {
   task.ended = true;
   ++summary_.done;
-  RemoveTraining(task.folder);
+  if (!task.run->is_users()) RemoveTraining(task.folder);
   if (task.worked_on) {
     Say(fmt::format("done  {} ({} of {})", task.run->name, summary_.done, tasks_.size()));
   } else {

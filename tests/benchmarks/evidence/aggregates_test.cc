@@ -40,6 +40,22 @@ TEST_CASE("Algorithms with settled cells on eight benchmarks are compared over t
   CHECK(aggregates->improvements[0].probability == 1);
 }
 
+TEST_CASE("Algorithms that have settled elsewhere leave those that share benchmarks compared") {
+  auto made = TwoAlgorithms(8);
+  for (size_t i = 10; i < 30; ++i) {
+    const std::string& name = OwnBenchmarks()[i].name;
+    const auto score = static_cast<double>(i);
+    if (i < 23) made.push_back({.algorithm = "mine", .benchmarks = {name}, .score = score});
+    if (i >= 20) made.push_back({.algorithm = "yours", .benchmarks = {name}, .score = score});
+  }
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  CHECK(aggregates->benchmarks.size() == 8);
+  CHECK(aggregates->series.size() == 2);
+}
+
 TEST_CASE("A benchmark with more seeds than the others weighs no more than they do") {
   auto made = TwoAlgorithms(8);
   for (uint64_t seed = 1; seed < 20; ++seed) {

@@ -61,6 +61,22 @@ TEST_CASE("Results of one cell on other rows of the data are not averaged but na
   CHECK_THAT(table.notes()[0], Catch::Contains("result-1.json was left out"));
 }
 
+TEST_CASE("Results of a benchmark that meant another world before are not averaged but named") {
+  MadeResult before = {.algorithm = "mine", .benchmarks = {kClean}, .score = 40, .cell = "c"};
+  for (const char* key : {"simulator", "corruption", "world"}) {
+    CAPTURE(key);
+    MadeResults results({before});
+    auto after =
+        JsonOf({.algorithm = "mine", .benchmarks = {kClean}, .score = 60, .seed = 1, .cell = "c"});
+    after[key] = "friction=2";
+    results.Add(after.dump());
+    const ScoreTable table = results.Read(OwnBenchmarks());
+    CHECK(table.Find(kClean, {"mine", ""})->runs.size() == 1);
+    REQUIRE(table.notes().size() == 1);
+    CHECK_THAT(table.notes()[0], Catch::Contains("was left out"));
+  }
+}
+
 TEST_CASE("Of several hyperparameters those with the most runs count, of copies the longest") {
   MadeResults results(
       {{.algorithm = "iql", .benchmarks = {kClean}, .score = 10, .cell = "a"},

@@ -62,6 +62,17 @@ TEST_CASE("Two cells of an algorithm can be read after equally many updates") {
   CHECK(AtEqualUpdates(scores.at({medium, "iql"}), longer).value().second.mean == 40);
 }
 
+TEST_CASE("Where the longer run was evaluated too late, two cells cannot be read alike") {
+  const char* medium = "HalfCheetah/confounding/hidden-high+medium";
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 50, .updates = 20'000},
+       {.algorithm = "iql", .benchmarks = {medium}, .score = 30}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const BorrowedDeviations deviations(table, PaperScores(OwnBenchmarks()));
+  const CellScores scores = OwnScores(table, deviations);
+  CHECK_FALSE(AtEqualUpdates(scores.at({kClean, "iql"}), scores.at({medium, "iql"})));
+}
+
 TEST_CASE("Where the main recipe has no result, another stands for the algorithm") {
   const char* other = "HalfCheetah/controls/no-penalty+medium";
   const MadeResults results(

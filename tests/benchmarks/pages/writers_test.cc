@@ -43,11 +43,11 @@ TEST_CASE("Markdown tables keep their columns whatever the entries hold") {
   CHECK_THAT(text, Contains("| Name | Value |\n| --- | ---: |\n| a\\|b\\*c | 1 ± 2 ↗ |\n"));
 }
 
-TEST_CASE("Backslashes, formulas and links of a name stay text") {
-  const Table table = {"t", "T.", "", {{"Name"}}, {{"a\\|b"}, {"[x](y)"}, {"$x$"}}};
+TEST_CASE("Backslashes, formulas, links and line ends of a name stay text") {
+  const Table table = {"t", "T.", "", {{"Name"}}, {{"a\\|b"}, {"[x](y)"}, {"$x$"}, {"1\r\r## 2"}}};
   const std::string text = ToMarkdown(DocumentOf(table));
   CHECK_THAT(text, Contains("| a\\\\\\|b |") && Contains("| [x]\\(y) |"));
-  CHECK_THAT(text, Contains("| \\$x\\$ |"));
+  CHECK_THAT(text, Contains("| \\$x\\$ |") && Contains("| 1  ## 2 |"));
   CHECK_THAT(ToLatex(table), Contains("\n    {[}x](y) \\\\"));
 }
 

@@ -83,6 +83,22 @@ TEST_CASE("A learner that leaves an agent is told what to do, and its agent is s
   CHECK(checked.out.find("its agent has these returns") != std::string::npos);
 }
 
+TEST_CASE("What a learner leaves for itself stays when its run is done") {
+  const UsersSuite suite;
+  const Outcome outcome = suite.Train(
+      "mkdir -p \"$B4MRL_OUT/checkpoint-70\" && touch \"$B4MRL_OUT/replay.bin\" && "
+      "echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"");
+  INFO(outcome.out << outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  size_t runs = 0;
+  for (const auto& run : std::filesystem::directory_iterator(suite.File("suite/runs"))) {
+    CHECK(std::filesystem::exists(run.path() / "checkpoint-70"));
+    CHECK(std::filesystem::exists(run.path() / "replay.bin"));
+    ++runs;
+  }
+  CHECK(runs == 2);
+}
+
 TEST_CASE("An agent that another program has scored is held against its mean return") {
   const UsersSuite suite;
   REQUIRE(suite.Train("cp " + std::string(kAgent) + " \"$B4MRL_OUT/agent.h5\"").exit_code == 0);
