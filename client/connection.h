@@ -7,7 +7,7 @@
 //     requests. At the first reconnection, a request gets at least an eighth of its deadline, since
 //     the caller may not have read replies for a while;
 //   - when no reply to any request has come for an eighth of the request's deadline.
-// Where nobody listens on the daemon's machine any more, the daemon has ended
+// Where nobody listens on the daemon's machine, the daemon has ended, or was never started
 // (proto/wire/listening.h). Requests are then given up after ten seconds, long enough to start the
 // daemon again, if their own deadlines are not shorter.
 // The daemon executes a numbered step once, however often it arrives. The connection drops replies

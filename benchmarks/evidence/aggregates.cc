@@ -50,46 +50,47 @@ Benchmarks Shared(const ScoreTable& table, const std::vector<Series>& series) {
   return Distinct(table, series, table.benchmarks());
 }
 
-// The two series that share the most benchmarks, and these.
-std::pair<std::vector<Series>, Benchmarks> ChoosePair(const ScoreTable& table) {
+// Series that are compared, and where.
+struct Choice {
+  std::vector<Series> series;
+  Benchmarks benchmarks;
+
+  bool Has(const Series& each) const { return std::ranges::find(series, each) != series.end(); }
+  // Adds, one after another, the series that leaves the most benchmarks, as long as enough are.
+  void Grow(const ScoreTable& table) {
+    while (true) {
+      Choice best;
+      for (const Series& each : table.series()) {
+        if (Has(each)) continue;
+        std::vector<Series> with = series;
+        with.push_back(each);
+        Benchmarks shared = Shared(table, with);
+        if (shared.size() < kLeastBenchmarks || shared.size() <= best.benchmarks.size()) continue;
+        best = {std::move(with), std::move(shared)};
+      }
+      if (best.series.empty()) return;
+      *this = std::move(best);
+    }
+  }
+  auto Rank() const { return std::pair(series.size(), benchmarks.size()); }
+};
+
+// With the series in the order of the table.
+Choice Choose(const ScoreTable& table) {
   const std::vector<Series>& all = table.series();
-  std::pair<std::vector<Series>, Benchmarks> chosen;
+  Choice best;
   for (size_t i = 0; i < all.size(); ++i) {
     for (size_t j = i + 1; j < all.size(); ++j) {
-      Benchmarks shared = Shared(table, {all[i], all[j]});
-      if (shared.size() > chosen.second.size()) chosen = {{all[i], all[j]}, std::move(shared)};
+      if (best.Has(all[i]) && best.Has(all[j])) continue;
+      Choice choice = {{all[i], all[j]}, Shared(table, {all[i], all[j]})};
+      if (choice.benchmarks.size() < kLeastBenchmarks) continue;
+      choice.Grow(table);
+      if (choice.Rank() > best.Rank()) best = std::move(choice);
     }
   }
-  return chosen;
-}
-
-// The series that are compared, in the order of the table, and where.
-std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
-  auto [chosen, benchmarks] = ChoosePair(table);
-  if (benchmarks.size() < kLeastBenchmarks) return {};
-  std::vector<Series> left = table.series();
-  while (true) {
-    std::erase_if(
-        left, [&](const Series& each) { return std::ranges::find(chosen, each) != chosen.end(); });
-    Benchmarks most;
-    Series next;
-    for (const Series& each : left) {
-      std::vector<Series> with = chosen;
-      with.push_back(each);
-      Benchmarks shared = Shared(table, with);
-      if (shared.size() < kLeastBenchmarks || shared.size() <= most.size()) continue;
-      most = std::move(shared);
-      next = each;
-    }
-    if (most.empty()) break;
-    chosen.push_back(next);
-    benchmarks = std::move(most);
-  }
-  std::vector<Series> in_order = table.series();
-  std::erase_if(in_order, [&](const Series& each) {
-    return std::ranges::find(chosen, each) == chosen.end();
-  });
-  return {std::move(in_order), std::move(benchmarks)};
+  Choice in_order = {all, best.benchmarks};
+  std::erase_if(in_order.series, [&](const Series& each) { return !best.Has(each); });
+  return in_order;
 }
 
 Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {

@@ -45,9 +45,10 @@ struct Aggregates {
   std::vector<Improvement> improvements;  // every pair once, the likelier winner first
 };
 
-// Of the two series that share the most benchmarks and, one after another, of the others that which
-// leaves the most shared, as long as that is kLeastBenchmarks or more. Nothing if no two share so
-// many.
+// Which series: to each two that share kLeastBenchmarks or more and are not both in the best choice
+// so far, others are added, each time the one that leaves the most shared, as long as those are
+// enough. The choice of the most series counts, of equal ones that with the most benchmarks.
+// Nothing if no two share so many.
 std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores& paper);
 
 }  // namespace b4mrl

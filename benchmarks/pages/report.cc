@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <utility>
@@ -62,7 +63,19 @@ Result<std::vector<std::vector<std::string>>> ReadParameters(const std::string& 
 struct Reading {
   ReadingLimit limit;
   std::map<std::string, std::string> main_recipes;  // of that budget, or of the runner's own
+  std::vector<std::string> numbers;  // simulators of the budget's exceptions, given by numbers
 };
+
+// Results have a preset's name where there is one, which numbers would never fit.
+Status CheckNumbers(const std::vector<std::string>& numbers, const ScoreTable& table) {
+  for (const std::string& simulator : numbers) {
+    const auto& runs = table.runs();
+    if (std::ranges::find(runs, simulator, &ScoredRun::simulator) != runs.end()) continue;
+    return InvalidArgument("simulator of an exception in the budget of --at", simulator,
+                           "one of a result, a preset by its name");
+  }
+  return Status();
+}
 
 std::map<std::string, std::string> MainRecipesBy(const Budget& budget) {
   std::map<std::string, std::string> recipes;
@@ -82,12 +95,9 @@ Result<Reading> ReadingOf(const std::string& at) {
     reading.limit = [updates](const ScoredRun&) { return std::optional(updates); };
     return reading;
   }
-  // Results have the names of presets, and no report asks a daemon what these stand for.
   for (const BudgetException& exception : budget.exceptions) {
     for (const std::string& simulator : exception.simulators) {
-      if (simulator.find('=') == std::string::npos) continue;
-      return InvalidArgument(fmt::format("--at {}: an exception's simulator", at), simulator,
-                             "presets by their names");
+      if (simulator.find('=') != std::string::npos) reading.numbers.push_back(simulator);
     }
   }
   reading.limit = [budget](const ScoredRun& run) {
@@ -105,6 +115,7 @@ Result<Evidence> GatherEvidence(const ReportOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(const Reading reading, ReadingOf(options.at));
   B4MRL_ASSIGN_OR_RETURN(evidence.table, ScoreTable::Read(options.folder, evidence.benchmarks,
                                                           reading.limit, reading.main_recipes));
+  B4MRL_RETURN_IF_ERROR(CheckNumbers(reading.numbers, evidence.table));
   evidence.paper = PaperScores(evidence.benchmarks);
   evidence.deviations = BorrowedDeviations(evidence.table, evidence.paper);
   evidence.ours = OwnScores(evidence.table, evidence.deviations);

@@ -16,7 +16,7 @@
 //   rollout-lag = 1
 //   [[small.exception]]     # for the runs that fit all of its lists; the last one that fits counts
 //   algorithms = ["sac", "td3"]
-//   simulators = ["gravity"]    # presets by their names, for `b4mrl report --at`
+//   simulators = ["gravity"]    # `b4mrl report --at` asks for presets by their names
 //   datasets = ["medium"]
 //   updates = 1_000_000
 //   hyperparameters = { warm-up = 1_000 }

@@ -44,7 +44,8 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
     if (!written.ok() && (written.code() != StatusCode::kBusy || patience.expired())) {
       return written;
     }
-    if (!written.ok()) poll(nullptr, 0, kJobPollMs);
+    if (written.ok()) break;
+    poll(nullptr, 0, kJobPollMs);
   }
   return ReadFrozenPlan(folder);
 }

@@ -56,9 +56,10 @@ std::optional<Status> UnknownWord(const CLI::App& app) {
 
 // Makes two words of "--name=", behind which CLI11 would take the next word for the value.
 void SplitEmptyValues(std::vector<std::string>* words) {
-  for (size_t i = 0; i < words->size(); ++i) {
+  for (size_t i = 0; i < words->size() && (*words)[i] != "--"; ++i) {
     std::string& word = (*words)[i];
-    if (!word.starts_with("--") || word.find('=') != word.size() - 1) continue;
+    const bool is_named = word.starts_with("--") && word.size() > 3;
+    if (!is_named || word.find('=') != word.size() - 1) continue;
     word.pop_back();
     words->insert(words->begin() + static_cast<std::ptrdiff_t>(i) + 1, "");
   }

@@ -58,8 +58,8 @@ class Executor {
   // Jobs completed since the last call.
   std::vector<RequestJob*> TakeCompleted();
   // Between BeginWait and EndWait the caller may wait for completion_fd, which becomes readable
-  // when a job is completed or items were put back. BeginWait returns false when that happened
-  // since the last TakeCompleted or BeginWait.
+  // when a job is completed or another thread puts items back. BeginWait returns false when there
+  // are completed jobs already, or items were put back since the last BeginWait.
   bool BeginWait();
   void EndWait();
   int completion_fd() const { return completion_fd_; }

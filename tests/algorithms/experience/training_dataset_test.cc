@@ -28,6 +28,17 @@ std::vector<float> Observations(const LearnerContext& context) {
   return {rows.observations.begin(), rows.observations.end()};
 }
 
+TEST_CASE("A share of a batch is as many rows as its decimals say") {
+  const HyperparameterTable table = {Real("real-ratio", 0.5, {0, 1}, ""),
+                                     Whole("batch-size", 100, {1, 1000}, "")};
+  Hyperparameters values(table);
+  for (const auto& [ratio, rows] : {std::pair{0.29, 29}, std::pair{0.57, 57}, std::pair{0.05, 5},
+                                    std::pair{0.999, 99}, std::pair{1.0, 100}}) {
+    RequireOk(values.Set("real-ratio", ratio));
+    CHECK(RealRows(values) == rows);
+  }
+}
+
 TEST_CASE("Trainings of all seeds see one noise matrix, and another one with a corruption seed") {
   TestDaemon daemon;
   WriteHiding(daemon, "medium", {});

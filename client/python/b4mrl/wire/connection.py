@@ -8,9 +8,9 @@ passed. It sends the request again, with the same id and contents and the time t
   not have read replies for a while;
 - when no reply to any request has come for an eighth of the request's deadline.
 
-Where nobody listens on the daemon's machine any more, the daemon has ended (b4mrl.wire.listening).
-Requests are then given up after ten seconds, long enough to start the daemon again, if their own
-deadlines are not shorter.
+Where nobody listens on the daemon's machine, it has ended or was never started
+(b4mrl.wire.listening). Requests are then given up after ten seconds, long enough to start the
+daemon again, if their own deadlines are not shorter.
 
 The daemon executes a numbered step once, however often it arrives. The connection drops replies
 that come twice, or after their request was given up.
