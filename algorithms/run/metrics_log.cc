@@ -66,12 +66,11 @@ MetricRow ParseLine(const std::string& line) {
 // Calls `use` with each row of metrics.jsonl.
 Status ForEachRow(const std::string& path, const std::function<Status(const MetricRow&)>& use) {
   std::ifstream lines(path);
-  const bool is_open = lines.is_open();
   for (std::string line; std::getline(lines, line);) {
     B4MRL_RETURN_IF_ERROR(use(ParseLine(line)));
   }
-  return !is_open || lines.bad() ? Status(StatusCode::kIoError, fmt::format("cannot read {}", path))
-                                 : Status();
+  const bool is_read = lines.is_open() && !lines.bad();
+  return is_read ? Status() : Status(StatusCode::kIoError, fmt::format("cannot read {}", path));
 }
 
 }  // namespace

@@ -172,8 +172,7 @@ void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
       } else if (other->cell_key != run.cell_key) {
         left_out.insert(
             fmt::format("{} was left out: {} fills its cell with other hyperparameters, "
-                        "perturbations or rows of "
-                        "the dataset",
+                        "perturbations or rows of the dataset",
                         run.file, other->file));
       } else if (other->is_return != run.is_return) {
         left_out.insert(
