@@ -10,6 +10,7 @@ import b4mrl
 import pytest
 
 from made_dataset import run_dataset
+from written_dataset import write_example
 
 # Compared with other people's programs in the long form alone, whatever is installed.
 LONG_FILES = (
@@ -98,6 +99,15 @@ def medium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[b4mrl.Client]:
         run_dataset(data, "make", name, "--rows", str(BENCHMARK_ROWS))
     with b4mrl.serve(data=data) as endpoint, b4mrl.connect(endpoint) as client:
         yield client
+
+
+@pytest.fixture(scope="session")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[b4mrl.Client, dict]]:
+    """A client of a daemon that has one dataset, HalfCheetah/medium, and the columns of that."""
+    folder = tmp_path_factory.mktemp("example")
+    columns = write_example(folder / "HalfCheetah" / "medium.h5")
+    with b4mrl.serve(data=folder) as endpoint, b4mrl.connect(endpoint) as client:
+        yield client, columns
 
 
 @pytest.fixture

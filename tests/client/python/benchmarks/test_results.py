@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import b4mrl
@@ -13,56 +11,14 @@ import numpy as np
 import pytest
 from b4mrl import errors
 from b4mrl.benchmarks import result_file
-from b4mrl.benchmarks.seeds import hash_name
-from b4mrl.serve import find_server
 
 from conftest import BENCHMARK_ROWS as ROWS
 from test_benchmark import HIDDEN, NOISY, still
-
-CLEAN = "HalfCheetah/clean/medium"
+from test_result_file import CLEAN
 
 
 def entries_of(path: Path) -> dict:
     return json.loads(path.read_text())
-
-
-def test_the_ids_are_those_that_the_runner_gives(client: b4mrl.Client) -> None:
-    """Constants that the runner's own test has, too (tests/benchmarks/plan/plan_test.cc)."""
-    info = infos(client)["HalfCheetah/confounding/hidden-high+medium-expert"]
-    assert result_file.identities(info, "mine", 2_000_000, 3) == (
-        "3c479c8b912bc39c",
-        "c0288e4249f97ab8",
-    )
-
-
-def infos(client: b4mrl.Client) -> dict[str, b4mrl.descriptions.BenchmarkInfo]:
-    return {info.name: info for info in client.benchmarks()}
-
-
-def test_the_names_are_those_that_the_runner_gives(client: b4mrl.Client) -> None:
-    known = infos(client)
-    for benchmark, name in (
-        (HIDDEN, "HalfCheetah-mine-gravity-medium+hidden-high-s3"),
-        (CLEAN, "HalfCheetah-mine-true-medium-s3"),
-        ("HalfCheetah/simulators/friction", "HalfCheetah-mine-friction-s3"),
-        (
-            "HalfCheetah/action-delay/gravity+action-delay",
-            "HalfCheetah-mine-gravity-action-delay-in-action-delay-s3",
-        ),
-    ):
-        assert result_file.run_name(known[benchmark], "mine", 3) == name
-    foreign = replace(known[CLEAN], dataset="d4rl/halfcheetah-medium-v2")
-    # No file has such a name, so the name ends with its own hash.
-    name = "HalfCheetah-mine-true-d4rl/halfcheetah-medium-v2-s3"
-    hashed = f"{name.replace('/', '_')}-{hash_name(name):016x}"
-    assert result_file.run_name(foreign, "mine", 3) == hashed
-    assert hash_name("foobar") == 0x85944171F73967E8  # published with FNV-1a
-
-
-def test_the_own_algorithms_are_those_of_the_program() -> None:
-    tools = Path(find_server()[0]).with_name("b4mrl-tools")
-    done = subprocess.run([tools, "list", "algorithms", "--json"], capture_output=True, check=True)
-    assert {each["name"] for each in json.loads(done.stdout)} == set(result_file.ALGORITHMS)
 
 
 def test_a_result_says_what_was_trained_and_what_it_reached(
@@ -223,12 +179,6 @@ def test_results_of_a_benchmark_are_found_where_the_runner_keeps_them(
         bench.results(tmp_path)
 
 
-@pytest.mark.parametrize("names", [None, 5, f"before {CLEAN} after", {CLEAN: 1}, [[CLEAN]]])
-def test_a_file_that_names_no_benchmarks_is_no_result(tmp_path: Path, names: object) -> None:
-    (tmp_path / "other.json").write_text(json.dumps({"benchmarks": names}))
-    assert result_file.find(tmp_path, CLEAN) == []
-
-
 def test_json_that_is_nested_too_deeply_is_named(medium: b4mrl.Client, tmp_path: Path) -> None:
     bench = medium.benchmark(CLEAN)
     given = {"algorithm": "mine", "seed": 0, "updates": 5, "folder": tmp_path, "returns": [1.0]}
@@ -266,41 +216,6 @@ def test_a_damaged_result_of_the_same_run_is_replaced(
     assert entries_of(path)["ledger"].keys() == whole["ledger"].keys()
 
 
-@pytest.mark.parametrize(
-    ("entry", "value", "allowed"),
-    [
-        ("algorithm", None, "a text"),
-        ("seed", "0", "a whole number"),
-        ("updates", True, "a whole number"),
-        ("finished", None, "true or false"),
-        ("score", "high", "a number, a whole number, null"),
-        ("return", None, "a number"),
-        ("settled", 1, "true or false, null"),
-        ("source", ["own"], "a text"),
-    ],
-)
-def test_a_result_with_an_entry_of_another_type_is_named(
-    tmp_path: Path, entry: str, value: object, allowed: str
-) -> None:
-    whole = {
-        "benchmarks": [CLEAN],
-        "algorithm": "mine",
-        "seed": 0,
-        "updates": 5,
-        "finished": True,
-        "score": None,
-        "return": 1.5,
-        "settled": None,
-        "source": "user",
-    }
-    path = tmp_path / "result.json"
-    path.write_text(json.dumps(whole))
-    assert result_file.find(tmp_path, CLEAN)[0].mean_return == 1.5
-    path.write_text(json.dumps(whole | {entry: value}))
-    with pytest.raises(errors.DataLossError, match=f"result.json.* {entry} is .*: {allowed}"):
-        result_file.find(tmp_path, CLEAN)
-
-
 def test_a_curve_that_begins_again_drops_what_it_repeats(
     medium: b4mrl.Client, tmp_path: Path
 ) -> None:
@@ -317,21 +232,6 @@ def test_a_curve_that_begins_again_drops_what_it_repeats(
     assert [point[0] for point in curve] == [40]  # a result takes its points along
     curve = entries_of(bench.record(seed=1, updates=40, **given))["curve"]
     assert [point[0] for point in curve] == [5, 40]
-
-
-def test_the_drift_of_a_curve_is_measured_over_its_last_two_fifths() -> None:
-    curve = [(10 * i, 0, 0.0, 0.0, float(score)) for i, score in enumerate((9, 1, 2, 3, 4, 8))]
-    drift = result_file._drift(curve)
-    assert drift == {"last_fifth": 8.0, "fifth_before": 4.0, "settled": False}
-    assert result_file._drift([*curve[:-1], (50, 0, 0.0, 0.0, 5.5)])["settled"]
-    without_score = [(each[0], 0, 7.0, 0.0, None) for each in curve]
-    assert result_file._drift(without_score)["last_fifth"] == 7.0
-    # Returns have no scale: 1.5 is much for a task whose best return is 9.
-    rising = [
-        (10 * i, 0, value, 0.0, None) for i, value in enumerate((1.75, 2.0, 4.0, 6.0, 7.75, 9.0))
-    ]
-    assert not result_file._drift(rising)["settled"]
-    assert result_file._drift([*rising[:-1], (50, 0, 7.875, 0.0, None)])["settled"]
 
 
 def test_a_result_that_cannot_be_written_loses_nothing(
@@ -393,10 +293,3 @@ def test_counts_begin_anew_with_each_result(medium: b4mrl.Client, tmp_path: Path
         bench.dataset.sample(rows)
         entries = entries_of(bench.record(seed=seed, updates=1, **given))
         assert entries["ledger"]["dataset_rows"] == rows
-
-
-@pytest.mark.parametrize("value", [3, "abc", [("a", 1)], {3: 4}, {"x": float("nan")}, {"x": 1j}])
-def test_hyperparameters_that_no_result_can_hold_are_refused(value: object) -> None:
-    with pytest.raises(errors.InvalidArgumentError, match="hyperparameters .*allowed"):
-        result_file.plain_hyperparameters(value)
-    assert result_file.plain_hyperparameters(None) == {}
