@@ -248,7 +248,7 @@ Status Collect(const CollectOptions& options, const Behaviour& behaviour, Client
   EnvironmentOptions session_options;
   session_options.simulator = options.simulator;
   session_options.num_envs = LaneCount(options, environment);
-  session_options.seed = options.seed;  // each episode then has its own seed, given by Reset
+  session_options.seed = SessionSeed(options.seed, session_options.num_envs);
   session_options.autoreset_mode = AutoresetMode::kDisabled;
   session_options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment.name, session_options));

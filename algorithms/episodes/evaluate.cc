@@ -52,7 +52,7 @@ Result<Evaluator> Evaluator::Open(Client& client, const std::string& environment
   EnvironmentOptions options;
   options.simulator = perturbations;
   options.num_envs = episodes;
-  options.seed = seed;  // each Reset then gives every lane its own seed
+  options.seed = SessionSeed(seed, episodes);
   options.autoreset_mode = AutoresetMode::kDisabled;
   options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_RETURN_IF_ERROR(client.Make(environment, options).status());

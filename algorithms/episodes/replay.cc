@@ -48,6 +48,7 @@ class Replayer {
         recorder_(recorder),
         oldest_row_(log.rows - rows),
         hash_(static_cast<uint32_t>(session_.spec().observation.size()), log.action_size),
+        action_scale_(session_.spec().ActionScale()),
         scaled_(log.action_size) {}
 
   Result<uint64_t> Run(Progress& progress);
@@ -62,6 +63,7 @@ class Replayer {
   Recorder& recorder_;
   uint64_t oldest_row_;  // of the log that may be kept
   ReplayHash hash_;
+  std::vector<float> action_scale_;
   std::vector<float> scaled_;  // the action in the environment's units
   std::vector<float> observation_;
   DatasetBlock block_;
@@ -101,7 +103,7 @@ Status Replayer::Step(uint64_t row) {
   const std::span<const float> action =
       std::span(log_.actions).subspan(row * log_.action_size, log_.action_size);
   for (size_t i = 0; i < action.size(); ++i) {
-    scaled_[i] = action[i] * static_cast<float>(session_.spec().action.dimensions[i].high);
+    scaled_[i] = action[i] * action_scale_[i];
   }
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, session_.Step(scaled_));
   if (outcome.given_up(0)) {

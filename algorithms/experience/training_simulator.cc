@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "client/client.h"
+#include "proto/base/role_seed.h"
 
 namespace b4mrl {
 
@@ -10,7 +11,7 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   EnvironmentOptions options;
   options.simulator = context.simulator;
   options.num_envs = lanes;
-  options.seed = context.seed;  // the first Reset then gives every lane its own seed
+  options.seed = SessionSeed(context.seed, lanes);
   options.autoreset_mode = AutoresetMode::kSameStep;
   options.deadline_ms = kLearnerDeadlineMs;
   options.ledger = context.ledger;

@@ -1,8 +1,9 @@
-// Tests whether floating-point numbers are finite.
+// Tests whether floating-point numbers are finite, or stay so as float32.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <ranges>
 
 namespace b4mrl {
@@ -11,6 +12,17 @@ namespace b4mrl {
 template <std::ranges::input_range Range>
 bool AllFinite(const Range& values) {
   return std::ranges::all_of(values, [](auto value) { return std::isfinite(value); });
+}
+
+// True if `value` stays finite when it is rounded to float32. Any thread.
+inline bool FitsFloat32(double value) {
+  return std::abs(value) <= static_cast<double>(std::numeric_limits<float>::max());  // NaN is not
+}
+
+// The same of each of `values`.
+template <std::ranges::input_range Range>
+bool AllFitFloat32(const Range& values) {
+  return std::ranges::all_of(values, [](double value) { return FitsFloat32(value); });
 }
 
 }  // namespace b4mrl

@@ -38,6 +38,11 @@ struct Leg {
   int body = -1, geom = -1, knee = -1, foot = -1;
 };
 
+// MuJoCo ids of the body above the legs and of the joints that carry it.
+struct Torso {
+  int body = -1, rootx = -1, rootz = -1;
+};
+
 // A body that is one capsule along z, of even density. Inertia is about its centre, kg m^2.
 struct Capsule {
   double mass = 0;  // kg
@@ -95,17 +100,21 @@ class LegLength final : public NumberPerturbation {
  public:
   using NumberPerturbation::NumberPerturbation;
 
+  // A model that does not fit is refused with factor 1, too: it is the largest of `leg=0.6..1`,
+  // which opening tries out for all of them.
   Status OnModel(mjModel* model, double factor) const override {
-    if (factor == 1) return Status();
+    const bool resizes = factor != 1;
     double shortened = 0;
     for (const char* suffix : {"", "_left"}) {
       Leg leg{};
       B4MRL_ASSIGN_OR_RETURN(const bool found, FindLeg(*model, suffix, &leg));
       if (!found) continue;
       B4MRL_ASSIGN_OR_RETURN(const double density, DensityOf(*model, leg));
-      shortened = Resize(leg, factor, density, model);
+      if (resizes) shortened = Resize(leg, factor, density, model);
     }
-    B4MRL_RETURN_IF_ERROR(LowerTorso(shortened, model));
+    B4MRL_ASSIGN_OR_RETURN(const Torso torso, FindTorso(*model));
+    if (!resizes) return Status();
+    LowerTorso(torso, shortened, model);
     return Derive(model);
   }
 
@@ -151,19 +160,20 @@ class LegLength final : public NumberPerturbation {
     return 2 * change;
   }
 
-  static Status LowerTorso(double distance, mjModel* model) {
-    const int torso = mj_name2id(model, mjOBJ_BODY, "torso");
-    const int rootx = mj_name2id(model, mjOBJ_JOINT, "rootx");
-    const int rootz = mj_name2id(model, mjOBJ_JOINT, "rootz");
-    if (torso < 0 || rootx < 0 || rootz < 0) {
-      return Status(StatusCode::kUnsupported,
-                    "leg needs a model with the body torso and the joints rootx and rootz");
-    }
-    const double height = Rounded(model->body_pos[3 * torso + 2] - distance);
-    model->body_pos[3 * torso + 2] = height;
-    model->qpos0[model->jnt_qposadr[rootz]] = height;
-    for (const int joint : {rootx, rootz}) model->jnt_pos[3 * joint + 2] = -height;
-    return Status();
+  static Result<Torso> FindTorso(const mjModel& model) {
+    const Torso torso = {mj_name2id(&model, mjOBJ_BODY, "torso"),
+                         mj_name2id(&model, mjOBJ_JOINT, "rootx"),
+                         mj_name2id(&model, mjOBJ_JOINT, "rootz")};
+    if (torso.body >= 0 && torso.rootx >= 0 && torso.rootz >= 0) return torso;
+    return Status(StatusCode::kUnsupported,
+                  "leg needs a model with the body torso and the joints rootx and rootz");
+  }
+
+  static void LowerTorso(const Torso& torso, double distance, mjModel* model) {
+    const double height = Rounded(model->body_pos[3 * torso.body + 2] - distance);
+    model->body_pos[3 * torso.body + 2] = height;
+    model->qpos0[model->jnt_qposadr[torso.rootz]] = height;
+    for (const int joint : {torso.rootx, torso.rootz}) model->jnt_pos[3 * joint + 2] = -height;
   }
 
   static Status Derive(mjModel* model) {

@@ -58,8 +58,10 @@ Result<LaneStepper> LaneStepper::Create(std::shared_ptr<const Simulator> simulat
                              spec.observation.size(), spec.info_names.size()};
   if (layout.bytes() > limits::kLaneBufferBytes) {
     const std::string numbers = fmt::format(
-        "bytes of a lane whose observation has {} numbers ({}) and whose simulator's state has {}",
-        spec.observation.size(), fmt::join(spec.observation.shape, " x "), simulator->state_size());
+        "bytes of a lane whose observation has {} numbers ({}), whose simulator's state has {} and "
+        "whose perturbations remember {}",
+        spec.observation.size(), fmt::join(spec.observation.shape, " x "), simulator->state_size(),
+        simulator->perturbation_state_size());
     return InvalidNumber(numbers, static_cast<double>(layout.bytes()),
                          fmt::format("at most {}", limits::kLaneBufferBytes));
   }
@@ -92,7 +94,7 @@ Status LaneStepper::TryStart(Environment& environment, LaneRecord record) const 
   header.episode_return = 0;
   header.phase = LanePhase::kRunning;
   Observe(environment, record);
-  if (AllFinite(record.observation()) && AllFinite(record.infos())) return Status();
+  if (AllFitFloat32(record.observation()) && AllFitFloat32(record.infos())) return Status();
   return Status(StatusCode::kInternal, "a start observation is not finite");
 }
 
@@ -161,7 +163,8 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
                          std::span<const double> action, LaneRecord after,
                          ActionPrecision precision) const {
   B4MRL_RETURN_IF_ERROR(CheckStep(before, action));
-  if (before.header().phase == LanePhase::kEnded && mode_ == AutoresetMode::kNextStep) {
+  // In mode SAME_STEP a lane stands at an end only when it was restored from another mode's state.
+  if (before.header().phase == LanePhase::kEnded && mode_ != AutoresetMode::kDisabled) {
     return Reset(environment, before, std::nullopt, after);
   }
   CopyAllButState(before, after);
@@ -178,8 +181,8 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
   environment.LoadState(before.state());
   const bool is_float32 =
       precision == ActionPrecision::kFloat32 && simulator_->perturbations().keeps_float32();
-  StepResult result = is_float32 ? environment.StepFloat32(perturbed_action)
-                                 : environment.Step(perturbed_action);
+  StepResult result =
+      is_float32 ? environment.StepFloat32(perturbed_action) : environment.Step(perturbed_action);
   ++header.elapsed_steps;
 
   const bool simulated = result.cause != Cause::kNumericalError;
@@ -189,7 +192,8 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
     Observe(environment, after);
   }
   const double new_return = header.episode_return + result.reward;
-  if (simulated && AllFinite(after.observation()) && AllFinite(after.infos()) &&
+  // Whatever the session's dtype is, so that no result depends on it.
+  if (simulated && AllFitFloat32(after.observation()) && AllFitFloat32(after.infos()) &&
       std::isfinite(new_return)) {
     environment.SaveState(after.state());
     header.reward = result.reward;
@@ -254,7 +258,7 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
   environment.SaveState(after.state());
   Observe(environment, after);
-  if (!AllFinite(after.observation()) || !AllFinite(after.infos())) {
+  if (!AllFitFloat32(after.observation()) || !AllFitFloat32(after.infos())) {
     return Status(StatusCode::kInvalidArgument, "the state's observation is not finite");
   }
   AbsorbOutcome(after);

@@ -18,10 +18,10 @@
 namespace b4mrl {
 namespace {
 
-// Scaling and noise may overflow. An overflowed row becomes invalid and holds zeros, like a row
-// that the engine warned about.
+// Scaling and noise may overflow, by float32's limits whatever the session's dtype is. An
+// overflowed row becomes invalid and holds zeros, like a row that the engine warned about.
 QueryResult OnlyFinite(const QueryResult& result, std::span<double> next_observation) {
-  if (std::isfinite(result.reward) && AllFinite(next_observation)) return result;
+  if (std::isfinite(result.reward) && AllFitFloat32(next_observation)) return result;
   std::ranges::fill(next_observation, 0);
   return {};
 }
@@ -92,11 +92,10 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   simulator->config_json_ = completed.dump();
   // Noise on float32 actions was once mapped in float32 where it was clipped.
   const bool widens = simulator->model_->maps_float32() && !set.keeps_float32();
-  simulator->identity_ =
-      fmt::format("{}; config {}; perturbations {}; model {}{}; {}; dynamics {}", entry->name,
-                  simulator->config_json_, FormatNamedArguments(set.items()),
-                  simulator->model_->Identity(), widens ? ", actions in float64" : "",
-                  EngineVersion(), kDynamicsVersion);
+  simulator->identity_ = fmt::format(
+      "{}; config {}; perturbations {}; model {}{}; {}; dynamics {}", entry->name,
+      simulator->config_json_, FormatNamedArguments(set.items()), simulator->model_->Identity(),
+      widens ? ", actions in float64" : "", EngineVersion(), kDynamicsVersion);
   simulator->identity_hash_ = XXH3_64bits(simulator->identity_.data(), simulator->identity_.size());
   B4MRL_ASSIGN_OR_RETURN(const Lease first, simulator->Borrow());
   simulator->state_size_ = first->state_size();

@@ -14,8 +14,8 @@
 namespace b4mrl {
 namespace {
 
-constexpr int kMaxShapes = 2000;  // of one scene; MuJoCo drops further ones
-constexpr int kSamples = 4;       // multisampling: samples a pixel
+constexpr int kMoreShapes = 2000;  // of a scene beside its geoms; MuJoCo drops further ones
+constexpr int kSamples = 4;        // multisampling: samples a pixel
 // MuJoCo's own default of 4096 makes each picture 8 ms slower and looks the same.
 constexpr int kShadowSize = 2048;
 
@@ -111,7 +111,7 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::Create(const mjModel& mode
   if (!renderer->opengl_->MakeCurrent()) {
     return Status(StatusCode::kUnsupported, "Mesa gives no off-screen OpenGL context");
   }
-  mjv_makeScene(&sized, &renderer->scene_, kMaxShapes);
+  mjv_makeScene(&sized, &renderer->scene_, model.ngeom + kMoreShapes);
   mjr_makeContext(&sized, &renderer->context_, mjFONTSCALE_100);
   mjr_setBuffer(mjFB_OFFSCREEN, &renderer->context_);
   if (renderer->context_.currentBuffer != mjFB_OFFSCREEN) {
@@ -127,6 +127,7 @@ void SceneRenderer::Draw(const mjModel& model, mjData& data, std::span<std::byte
   mjvOption option;
   mjv_defaultOption(&option);
   mjv_updateScene(&model, &data, &option, nullptr, &camera, mjCAT_ALL, &scene_);
+  data.warning[mjWARN_VGEOMFULL].number = 0;  // of the simulation's, which gives up at a warning
   mjr_render(viewport_, &scene_, &context_);
   auto* bytes = reinterpret_cast<unsigned char*>(picture.data());
   mjr_readPixels(bytes, nullptr, viewport_, &context_);

@@ -170,6 +170,19 @@ TEST_CASE("A leg of its own length changes nothing, and two factors multiply") {
   }
 }
 
+TEST_CASE("A model without the legs is refused for a leg of its own length, too") {
+  for (const Task& task : kTasks) {
+    std::string text = EditedText(task, 1);
+    Replace(&text, "geom name=\"leg_geom\"", "geom name=\"shank\"", 1);
+    for (const double factor : {1.0, 0.8}) {
+      INFO(fmt::format("{}, leg={}", task.environment, factor));
+      const auto refused = CompiledWithLeg(task, text, factor);
+      REQUIRE(refused.status().code() == StatusCode::kUnsupported);
+      CHECK_THAT(refused.status().message(), Catch::Contains("capsule leg_geom"));
+    }
+  }
+}
+
 TEST_CASE("The sole starts as far above the floor and the task judges as before") {
   for (const Task& task : kTasks) {
     INFO(task.environment);

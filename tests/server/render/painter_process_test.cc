@@ -3,6 +3,8 @@
 
 #include <sys/wait.h>
 
+#include <fmt/format.h>
+
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <ctime>
@@ -15,6 +17,7 @@
 #include "server/simulator/simulator.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/environment_variable.h"
+#include "tests/server/models/model_folders.h"
 
 namespace b4mrl {
 namespace {
@@ -23,10 +26,10 @@ constexpr uint32_t kSide = 96;
 
 using Picture = std::vector<std::byte>;
 
-// A request for a picture of `environment` at the start of episode `episode`.
-PaintRequest RequestFor(const std::string& environment, uint64_t episode = 0) {
+// A request for a picture of a simulator at the start of episode `episode`.
+PaintRequest RequestFor(const SimulatorRequest& which, uint64_t episode = 0) {
   PaintRequest request;
-  request.simulator.environment = environment;
+  request.simulator = which;
   const auto simulator = Simulator::Open(request.simulator);
   REQUIRE(simulator.ok());
   const auto scratch = (*simulator)->Borrow();
@@ -38,6 +41,12 @@ PaintRequest RequestFor(const std::string& environment, uint64_t episode = 0) {
   request.state.resize((*scratch)->state_size());
   (*scratch)->SaveState(request.state);
   return request;
+}
+
+PaintRequest RequestFor(const std::string& environment, uint64_t episode = 0) {
+  SimulatorRequest which;
+  which.environment = environment;
+  return RequestFor(which, episode);
 }
 
 Picture Blank(const PaintRequest& request) {
@@ -106,6 +115,30 @@ TEST_CASE("A picture does not depend on what else its painter draws") {
     const PaintRequest request = RequestFor("HalfCheetah", episode);
     CHECK(Paint(busy, request) == Paint(alone, request));
   }
+}
+
+TEST_CASE("A scene of thousands of shapes is drawn whole, and more than once") {
+  const Folders folders;
+  SimulatorRequest walled;
+  walled.environment = "Hopper";
+  walled.perturbations = Take(ParseNamedArguments("model=model.xml"));
+  const auto wall_of = [&](int boxes) {
+    std::string wall;
+    for (int i = 0; i < boxes; ++i) {
+      wall += fmt::format(
+          R"(<geom type="box" size=".02 .02 .02" pos="{} 1 {}" contype="0" conaffinity="0"/>)",
+          0.04 * (i % 100 - 50), 0.04 * (i / 100));
+    }
+    const std::string text = Edited(OwnModel("hopper.xml"), "</worldbody>", wall + "</worldbody>");
+    const std::string hash = Take(folders.CompileText(text));
+    walled.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
+    return RequestFor(walled);
+  };
+  PainterProcess& painter = SharedPainter();
+  const PaintRequest whole = wall_of(4500);
+  const Picture first = Paint(painter, whole);
+  CHECK(Paint(painter, whole) == first);
+  CHECK(Paint(painter, wall_of(4000)) != first);  // lower: the last boxes were drawn
 }
 
 TEST_CASE("A painter draws many kinds of picture in turn") {

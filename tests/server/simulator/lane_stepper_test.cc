@@ -275,6 +275,25 @@ TEST_CASE("A snapshot is the record: putting it back repeats the trajectory byte
   REQUIRE(EqualBytes(lane.memory(), other.memory()));
 }
 
+TEST_CASE("No lane but a disabled one is stepped past an end that another mode's state brought") {
+  const auto simulator = OpenHalfCheetah("", kThreeSteps);
+  TestLane ended(simulator, AutoresetMode::kDisabled);
+  ended.Reset();
+  for (uint64_t k = 0; k < 3; ++k) ended.Step(Action(k));
+  TestLane next(simulator, AutoresetMode::kDisabled);
+  next.Reset();
+  next.Reset();
+  for (const AutoresetMode mode : {AutoresetMode::kNextStep, AutoresetMode::kSameStep}) {
+    TestLane lane(simulator, mode);
+    lane.set_memory(ended.memory());
+    lane.Step(Action(3));
+    CHECK(lane.observation() == next.observation());
+    CHECK(lane.header().reward == 0);
+    CHECK(lane.header().episode_ended == 0);
+    CHECK(lane.header().elapsed_steps == 0);
+  }
+}
+
 TEST_CASE("Snapshots that are no lanes are refused") {
   TestLane lane(OpenHalfCheetah());
   lane.Reset();
@@ -291,6 +310,9 @@ TEST_CASE("Snapshots that are no lanes are refused") {
   CHECK(refused([](LaneRecord r) { r.header().episode_return = std::nan(""); }));
   CHECK(refused([](LaneRecord r) { r.state()[3] = std::nan(""); }));
   CHECK(refused([](LaneRecord r) { r.observation()[0] = HUGE_VAL; }));
+  // What a session of float32 would send as infinite.
+  CHECK(refused([](LaneRecord r) { r.observation()[0] = 3.5e38; }));
+  CHECK_FALSE(refused([](LaneRecord r) { r.observation()[0] = 3.4e38; }));
   const auto bytes = std::as_bytes(std::span(lane.memory()));
   CHECK_FALSE(CheckLaneRecord(layout, bytes.first(bytes.size() - 1)).ok());
   CHECK_FALSE(CheckLaneRecord(layout, bytes.first(0)).ok());
