@@ -8,7 +8,8 @@ cmake=$1 build=$2
 folder=$(mktemp -d "${TMPDIR:-/tmp}/b4mrl-installation.XXXXXX")
 trap 'rm -rf "$folder"' EXIT
 # Nothing but the installation and the home folder is to say where things are.
-unset B4MRL_DATA B4MRL_ENDPOINT B4MRL_SERVER B4MRL_TOOLS B4MRL_PERF XDG_DATA_HOME XDG_CACHE_HOME
+unset B4MRL_DATA B4MRL_ENDPOINT B4MRL_SERVER B4MRL_TOOLS B4MRL_PERF B4MRL_RUNNER B4MRL_REPORT XDG_DATA_HOME \
+  XDG_CACHE_HOME
 export HOME=$folder/home
 
 fail() {
@@ -22,7 +23,12 @@ prefix=$HOME/.local
 mkdir "$HOME"
 mv "$folder/first" "$prefix"
 b4mrl=$prefix/bin/b4mrl
-for file in lib/b4mrl/datasets.toml lib/b4mrl/replays/hopper-medium.h5 share/doc/b4mrl/LICENSE share/doc/b4mrl/proto/PROTOCOL.md bin/b4mrl-render; do
+# By name, since a program of a checkout finds there what its installation lacks.
+for file in bin/b4mrl-{serve,render,tools,perf,benchmark,report} \
+  lib/b4mrl/{datasets,budgets,claims,explanations}.toml lib/b4mrl/paper_parameters.csv \
+  lib/b4mrl/suites/{halfcheetah,highway,hopper,walker2d}.toml lib/b4mrl/suites/paper.csv lib/b4mrl/performance/python_rates.py \
+  lib/b4mrl/models/{half_cheetah,hopper,walker2d,humanoid}.xml lib/b4mrl/agents/halfcheetah-medium.h5 \
+  lib/b4mrl/replays/hopper-medium.h5 share/doc/b4mrl/{LICENSE,proto/PROTOCOL.md}; do
   [ -f "$prefix/$file" ] || fail "$file is missing"
 done
 
@@ -46,6 +52,13 @@ others=$(grep -v -e ' not made; ' -e ' cannot be made: ' "$folder/list") && fail
 "$b4mrl" dataset make HalfCheetah/medium --rows 100 --quiet || fail "making a dataset"
 [ -f "$prefix/share/b4mrl/HalfCheetah/medium-v0.h5" ] || fail "no dataset was written"
 "$b4mrl" perf --help >/dev/null || fail "b4mrl perf"
+
+# It plans the project's benchmarks, and makes the report of the results that it brought.
+"$b4mrl" benchmark run 'HalfCheetah/confounding/hidden-high+medium' --budget smoke --out "$folder/suite" --dry-run \
+  >"$folder/log" 2>&1 || fail "a plan of a benchmark: $(cat "$folder/log")"
+"$b4mrl" report "$prefix/share/doc/b4mrl/benchmarks/results" --out "$folder/report" >"$folder/log" 2>&1 ||
+  fail "a report: $(cat "$folder/log")"
+[ -s "$folder/report/report.html" ] || fail "the report has no page"
 
 # Whose models and agents it reads shows when they are spoilt.
 echo "no model" >"$prefix/lib/b4mrl/models/hopper.xml"

@@ -74,13 +74,15 @@ TEST_CASE("a Gaussian IQL core resumed from its visited state goes on bit for bi
   CHECK(SaveState<float>(*resumed) == SaveState<float>(*straight));
 }
 
-TEST_CASE("the exported policy acts as the network trains") {
+TEST_CASE("the exported policy has the weights that the network trains") {
   Result<SacCore<float>> core = SacCore<float>::Create(Small<SacOptions>(3));
   REQUIRE(core.ok());
   UpdateTimes(*core, 0, 3);
   const PolicyWeights weights = core->Policy();
+  int compared = 0;
   core->VisitArrays([&](const NamedArray<float>& array) {
     const auto equal = [&](const std::vector<float>& values, size_t offset) {
+      ++compared;
       return std::equal(values.begin(), values.end(), array.values.begin() + offset);
     };
     if (array.name == "actor/layer0/weight") CHECK(equal(weights.hidden[0].weight, 0));
@@ -89,6 +91,7 @@ TEST_CASE("the exported policy acts as the network trains") {
     if (array.name == "actor/layer2/weight") CHECK(equal(weights.log_std->weight, 2 * 16));
     if (array.name == "actor/layer2/bias") CHECK(equal(weights.log_std->bias, 2));
   });
+  CHECK(compared == 5);
   CHECK(FixedOrderPolicy::Create(weights).ok());
 }
 

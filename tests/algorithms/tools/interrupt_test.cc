@@ -120,9 +120,11 @@ TEST_CASE(
     "A training whose daemon was killed ends soon, sooner with Ctrl-C, and tells the way on") {
   PrivateDaemonOptions options;
   options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  const TemporaryFolder folder;
+  fs::create_directory(folder.File("data"));
+  options.data_folder = folder.File("data");  // never the user's own
   Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
   REQUIRE(daemon.ok());
-  const TemporaryFolder folder;
   const auto train = [&](const std::string& run) {
     fs::create_directory(run);
     FolderWatch watch(run);

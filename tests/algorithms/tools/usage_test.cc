@@ -109,9 +109,10 @@ TEST_CASE("Every program ends with code 3 where its output finds no room") {
   const std::string results = B4MRL_SOURCE_DIR "/benchmarks/results";
   for (const std::string& words :
        {std::string("demo confounding --decisions 1000"), std::string("list algorithms --json"),
-        "report " + results, "benchmark leaderboard " + results, std::string("perf --help")}) {
+        "report '" + results + "'", "benchmark leaderboard '" + results + "'",
+        std::string("perf --help")}) {
     INFO(words);
-    const std::string command = B4MRL_BINARY_DIR "/b4mrl " + words + " 2>&1 >/dev/full";
+    const std::string command = "'" B4MRL_BINARY_DIR "/b4mrl' " + words + " 2>&1 >/dev/full";
     FILE* pipe = popen(command.c_str(), "r");
     REQUIRE(pipe != nullptr);
     std::string err;

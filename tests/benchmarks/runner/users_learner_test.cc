@@ -13,7 +13,8 @@
 namespace b4mrl {
 namespace {
 
-constexpr char kAgent[] = B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5";
+// As a word of a shell's command.
+constexpr char kAgent[] = "'" B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5'";
 
 // A suite that two benchmarks fit, and a budget for learners of the user's own.
 class UsersSuite {
@@ -135,7 +136,8 @@ TEST_CASE("A learner finds the benchmark of its user's own suite at the daemon t
   // The folder is named as users name it: as seen from where they are.
   const std::string relative = std::filesystem::relative(suites.path());
   const std::string learner = fmt::format(
-      "{} list benchmarks --endpoint $B4MRL_ENDPOINT > {}; test -f $B4MRL_SUITES/mine.toml && cd / "
+      "'{}' list benchmarks --endpoint $B4MRL_ENDPOINT > {}; test -f $B4MRL_SUITES/mine.toml && cd "
+      "/ "
       "&& test -f $B4MRL_SUITES/mine.toml && echo '{{\"returns\": [1]}}' > "
       "\"$B4MRL_OUT/returns.json\"",
       B4MRL_BINARY_DIR "/b4mrl", seen);
@@ -322,6 +324,10 @@ TEST_CASE("A learner whose agent is gone begins anew, whether or not it was scor
 
 TEST_CASE("A learner that was told to stop has not finished, whatever it leaves and returns") {
   const UsersSuite suite;
+  // Makes the dataset, which would take a part of the little time.
+  REQUIRE(
+      suite.Train("echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"", "other").exit_code ==
+      0);
   const Outcome stopped = suite.Train(
       "trap 'echo \"{\\\"returns\\\": [1]}\" > \"$B4MRL_OUT/returns.json\"; exit 0' TERM; sleep 60 "
       "& wait",

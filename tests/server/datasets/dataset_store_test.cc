@@ -240,8 +240,8 @@ TEST_CASE("no cache goes for a file that is not found good, or that takes more t
 TEST_CASE("stores that import one file at once import it once, and wait for each other") {
   const StoreFixture fixture;
   const std::string tries = fixture.folder.File("tries");
-  const std::string importer =
-      fixture.WriteScript("echo x >>" + tries + "\nexec " B4MRL_BINARY_DIR "/b4mrl-serve \"$@\"\n");
+  const std::string importer = fixture.WriteScript(
+      "echo x >>" + tries + "\nexec '" B4MRL_BINARY_DIR "/b4mrl-serve' \"$@\"\n");
   constexpr size_t kStores = 4;
   std::vector<Result<OpenedDataset>> opened(kStores, Status(StatusCode::kInternal, "not opened"));
   std::vector<std::thread> threads;

@@ -153,8 +153,8 @@ struct DataFolder {
   std::string ImporterThatHangsOn(const std::string& word) const {
     const std::string importer = folder.File("importer");
     WriteBytes(importer, "#!/bin/sh\ncase $4 in *" + word +
-                             "*) exec sleep 1000 ;; esac\nexec " B4MRL_BINARY_DIR
-                             "/b4mrl-serve \"$@\"\n");
+                             "*) exec sleep 1000 ;; esac\nexec '" B4MRL_BINARY_DIR
+                             "/b4mrl-serve' \"$@\"\n");
     std::filesystem::permissions(importer, std::filesystem::perms::owner_all);
     return importer;
   }

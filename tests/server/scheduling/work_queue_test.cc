@@ -353,31 +353,39 @@ TEST_CASE("Many threads take every item exactly once, and Stop ends all waits") 
   constexpr uint32_t kItems = 70;
   WorkQueue queue(4);
   Cost cost(20);
-  std::vector<std::unique_ptr<QueuedWork>> jobs;
+  std::vector<std::unique_ptr<QueuedWork>> jobs(kJobs);
+  std::vector<std::atomic<uint32_t>> taken(kJobs * kItems);
   std::atomic<uint32_t> items{0};
   std::vector<std::thread> threads;
+  const auto take = [&](const Piece& piece, uint32_t count) {
+    const auto job = std::ranges::find(jobs, piece.work, &std::unique_ptr<QueuedWork>::get);
+    const auto first = static_cast<uint32_t>(job - jobs.begin()) * kItems + piece.first;
+    for (uint32_t i = 0; i < count; ++i) taken[first + i] += 1;
+    items += count;
+  };
   for (int i = 0; i < 4; ++i) {
     threads.emplace_back([&] {
       Spinner spinner(spin);
       while (const std::optional<Piece> piece = queue.Take(spinner)) {
         queue.Settle(*piece, 20);
+        take(*piece, 1);
         if (piece->count > 1) queue.PutBack(*piece, 1);
-        items += 1;
       }
     });
   }
   threads.emplace_back([&] {
-    while (const std::optional<Piece> piece = queue.TakeInstead()) items += piece->count;
+    while (const std::optional<Piece> piece = queue.TakeInstead()) take(*piece, piece->count);
   });
   for (uint32_t i = 0; i < kJobs; ++i) {
-    jobs.push_back(std::make_unique<QueuedWork>(Work(i % 5, WorkKind::kQuery, kItems, cost)));
-    queue.Push(jobs.back().get());
+    jobs[i] = std::make_unique<QueuedWork>(Work(i % 5, WorkKind::kQuery, kItems, cost));
   }
+  for (const auto& job : jobs) queue.Push(job.get());
   const Deadline patience = Deadline::AfterMs(30'000);
   while (items < kJobs * kItems && !patience.expired()) std::this_thread::yield();
   queue.Stop();
   for (std::thread& thread : threads) thread.join();
   REQUIRE(items == kJobs * kItems);
+  CHECK(std::ranges::all_of(taken, [](const auto& times) { return times == 1; }));
 }
 
 }  // namespace

@@ -13,8 +13,8 @@ TEST_CASE("A thread's turns are long within the scope only, and its niceness sta
   const uint64_t before = SchedulerSliceNs();
   {
     const ScopedThroughputSlice slice;
-    // Kernels before 6.12 report 0 or keep their own; no shorter turn in any case.
-    CHECK(SchedulerSliceNs() >= before);
+    // Kernels before 6.12 have one slice for all, and report 0.
+    CHECK((before == 0 || SchedulerSliceNs() > before));
     CHECK(sched_getscheduler(0) == SCHED_OTHER);
     CHECK(getpriority(PRIO_PROCESS, 0) == niceness);
   }
