@@ -72,6 +72,12 @@ const std::vector<Door> kDoors = {
     {"Eigen", {"Eigen/"}, {"algorithms/"}},
     {"BLAS", {"cblas", "openblas", "lapacke"}, {"algorithms/"}},
     {"Catch2", {"catch2/"}, {"tests/"}},
+    // The client library, and what it links of proto, is built without these.
+    {"spdlog", {"spdlog/"}, {"server/"}},
+    {"nlohmann", {"nlohmann/"}, {"server/", "data/", "algorithms/", "benchmarks/"}},
+    {"CLI11", {"CLI/"}, {"proto/command_line/", "algorithms/tools/", "benchmarks/"}},
+    {"OpenSSL", {"openssl/"}, {"data/files/"}},
+    {"xxHash", {"xxhash"}, {"server/", "data/"}},
 };
 
 bool StartsWithAny(const std::string& text, const std::vector<std::string>& prefixes) {
