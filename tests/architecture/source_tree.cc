@@ -46,13 +46,15 @@ std::vector<std::string> SectionOf(const std::string& path, const std::string& h
 std::vector<SourceFile> ReadTree(const std::vector<std::string>& suffixes) {
   std::vector<SourceFile> files;
   const fs::path root = B4MRL_SOURCE_DIR;
+  const auto add = [&](const fs::directory_entry& entry) {
+    const std::string path = fs::relative(entry.path(), root).generic_string();
+    const bool wanted = std::any_of(suffixes.begin(), suffixes.end(),
+                                    [&](const std::string& s) { return path.ends_with(s); });
+    if (entry.is_regular_file() && wanted) files.push_back(ReadSource(path));
+  };
+  for (const auto& entry : fs::directory_iterator(root)) add(entry);
   for (const char* folder : kFolders) {
-    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
-      const std::string path = fs::relative(entry.path(), root).generic_string();
-      const bool wanted = std::any_of(suffixes.begin(), suffixes.end(),
-                                      [&](const std::string& s) { return path.ends_with(s); });
-      if (entry.is_regular_file() && wanted) files.push_back(ReadSource(path));
-    }
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) add(entry);
   }
   std::sort(files.begin(), files.end(),
             [](const SourceFile& a, const SourceFile& b) { return a.path < b.path; });

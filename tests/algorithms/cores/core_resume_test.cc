@@ -113,30 +113,51 @@ TEST_CASE("options outside their range are refused by name") {
   SacOptions sac = Small<SacOptions>(0);
   Td3Options td3 = Small<Td3Options>(0);
   IqlOptions iql = Small<IqlOptions>(0);
+  std::string in_sac, in_td3, in_iql;
+  const auto named = [&](const char* name) { in_sac = in_td3 = in_iql = name; };
   SECTION("learning rate") {
     sac.critic_learning_rate = td3.critic_learning_rate = iql.value_learning_rate = -1;
-    CHECK(SacCore<float>::Create(sac).status().message().find("critic_learning_rate") !=
-          std::string::npos);
+    named("critic_learning_rate");
+    in_iql = "value_learning_rate";
   }
-  SECTION("gamma") { sac.gamma = td3.gamma = iql.gamma = 1.5; }
-  SECTION("NaN tau") { sac.tau = td3.tau = iql.tau = std::nan(""); }
+  SECTION("gamma") {
+    sac.gamma = td3.gamma = iql.gamma = 1.5;
+    named("gamma");
+  }
+  SECTION("NaN tau") {
+    sac.tau = td3.tau = iql.tau = std::nan("");
+    named("tau");
+  }
   SECTION("no observation") {
     sac.observation_size = td3.observation_size = iql.observation_size = 0;
+    named("observation_size");
   }
   SECTION("no hidden layer") {
     sac.hidden.clear();
     td3.hidden.clear();
     iql.hidden.clear();
+    named("number of hidden layers");
   }
-  SECTION("a huge width") { sac.hidden[0] = td3.hidden[0] = iql.hidden[0] = 1 << 30; }
+  SECTION("a huge width") {
+    sac.hidden[0] = td3.hidden[0] = iql.hidden[0] = 1 << 30;
+    named("hidden layer width");
+  }
   SECTION("initial alpha, policy frequency, expectile") {
     sac.initial_alpha = 0;
     td3.policy_frequency = 0;
     iql.expectile = 1.1;
+    in_sac = "initial_alpha";
+    in_td3 = "policy_frequency";
+    in_iql = "expectile";
   }
-  CHECK(SacCore<float>::Create(sac).status().code() == StatusCode::kInvalidArgument);
-  CHECK(Td3Core<float>::Create(td3).status().code() == StatusCode::kInvalidArgument);
-  CHECK(IqlCore<float>::Create(iql).status().code() == StatusCode::kInvalidArgument);
+  const auto check = [](const Status& status, const std::string& name) {
+    INFO(status.ToString());
+    CHECK(status.code() == StatusCode::kInvalidArgument);
+    CHECK(status.message().starts_with(name + " is "));
+  };
+  check(SacCore<float>::Create(sac).status(), in_sac);
+  check(Td3Core<float>::Create(td3).status(), in_td3);
+  check(IqlCore<float>::Create(iql).status(), in_iql);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "proto/base/limits.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
@@ -28,6 +29,21 @@ TEST_CASE("Regular files and links to them are datasets; folders and pipes are n
   for (const DatasetFile& file : *files) names.push_back(file.name);
   CHECK(names == std::vector<std::string>{"Hopper/file", "Hopper/link"});
   CHECK(FindDatasetFile(folder.path(), "Hopper/pipe").status().code() == StatusCode::kUnknownName);
+}
+
+TEST_CASE("A data folder may hold as many datasets as a listing can name, and no more") {
+  const TemporaryFolder folder;
+  fs::create_directories(folder.File("Hopper"));
+  for (size_t i = 0; i < limits::kMaxDatasets; ++i) {
+    WriteBytes(folder.File("Hopper/" + std::to_string(i) + ".h5"), "");
+  }
+  const Result<std::vector<DatasetFile>> most = FindDatasetFiles(folder.path());
+  REQUIRE(most.ok());
+  CHECK(most->size() == limits::kMaxDatasets);
+  WriteBytes(folder.File("Hopper/more.h5"), "");
+  const Status refused = FindDatasetFiles(folder.path()).status();
+  CHECK(refused.code() == StatusCode::kLimitExceeded);
+  CHECK(refused.message() == folder.path() + " has more than 4096 datasets");
 }
 
 }  // namespace
