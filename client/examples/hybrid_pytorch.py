@@ -42,19 +42,21 @@ def network(inputs: int, outputs: int) -> nn.Sequential:
 class Actor(nn.Module):
     """From normalised observations, 0 where the mask hides, to actions in [-1, 1].
 
-    `act` is the policy of evaluations: from arrays of observations to arrays of actions.
+    `act` is the policy of evaluations: from a batch of observations to one of actions. Here all
+    rows are flat, as those of datasets are; Highway's environments show tables of 5 by 5.
     """
 
     def __init__(self, mean: np.ndarray, std: np.ndarray, mask: np.ndarray, actions: int) -> None:
         super().__init__()
         self.body = network(len(mean), actions)
-        self.mean, self.std, self.mask = mean, std, mask
+        self.mean, self.std, self.mask = mean, std, mask.reshape(-1)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         return torch.tanh(self.body(inputs))
 
     def inputs(self, observations: np.ndarray) -> torch.Tensor:
-        rows = np.where(self.mask, (observations - self.mean) / self.std, 0)
+        flat = observations.reshape(len(observations), -1)
+        rows = np.where(self.mask, (flat - self.mean) / self.std, 0)
         return torch.as_tensor(rows, dtype=torch.float32)
 
     def act(self, observations: np.ndarray) -> np.ndarray:
@@ -81,7 +83,7 @@ class Rollouts:
 
     def __init__(self, bench: b4mrl.Benchmark, updates: int, rng: np.random.Generator) -> None:
         self.vec = bench.make_simulator(LANES, seed=int(rng.integers(2**32)))
-        self.observations = self.vec.reset()[0]
+        self.observations = self.vec.reset()[0].reshape(LANES, -1)
         self.ended = np.zeros(LANES, bool)
         rows = updates + LANES
         size, actions = self.observations.shape[1], self.vec.single_action_space.shape[0]
@@ -100,6 +102,7 @@ class Rollouts:
         actions += self.rng.normal(scale=EXPLORATION, size=actions.shape)
         actions = np.clip(actions, -1, 1).astype(np.float32)
         observations, rewards, terminated, truncated, _ = self.vec.step(actions)
+        observations = observations.reshape(LANES, -1)
         new = ~self.ended  # the step after an episode's end only begins the next episode
         place = slice(self.count, self.count + int(new.sum()))
         columns = (self.observations, actions, rewards, observations, terminated)

@@ -13,7 +13,7 @@ import numpy as np
 bench = b4mrl.benchmark()  # the one that the runner asks for
 data = bench.dataset.load()
 mean, std = data["observations"].mean(axis=0), data["observations"].std(axis=0) + 1e-3
-inputs = (data["observations"] - mean) / std * bench.mask
+inputs = (data["observations"] - mean) / std * bench.mask.reshape(-1)  # rows are flat
 inputs = np.column_stack([inputs, np.ones(len(inputs))])
 targets = np.arctanh(np.clip(data["actions"], -0.99, 0.99))  # a saved agent ends with tanh
 penalty = 10.0 * np.eye(inputs.shape[1])

@@ -42,8 +42,10 @@ class Policy(Shown):
     (n, action_size). Actions agree with the C++ learners' to rounding, not bit for bit.
 
     A policy with a history remembers the last observations: call `reset` when an episode starts. In
-    a batch, each row has its own history, and `reset(rows)` clears those of some rows. Thread rule:
-    one thread at a time.
+    a batch, each row has its own history, and `reset(rows)` clears those of some rows. Which row is
+    which is told by its place alone, so a batch has as many rows as the last one, unless `reset()`
+    came in between: InvalidArgumentError. Rows of episodes that have ended stay in their places.
+    Thread rule: one thread at a time.
 
     Attributes:
         observation_size, action_size: numbers of an observation and of an action.
@@ -135,7 +137,12 @@ class Policy(Shown):
     def _with_history(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
         if self.history_length == 1:
             return rows
-        if self._history is None or len(self._history) != len(rows):
+        if self._history is not None and len(self._history) != len(rows):
+            raise InvalidArgumentError(
+                f"observation has {len(rows)} rows, allowed: {len(self._history)}, each with the "
+                "history of its place in the last batch; call reset() before another number of rows"
+            )
+        if self._history is None:
             self._history = np.zeros((len(rows), self.history_length, rows.shape[1]), np.float32)
             self._starts = np.ones(len(rows), np.bool_)
         self._history = np.roll(self._history, -1, axis=1)
@@ -208,6 +215,8 @@ def save_agent(
     import h5py  # only here: HDF5 is slow to import
 
     target = checks.path("path", path)
+    if not target.name:
+        raise InvalidArgumentError(f"path is {str(path)!r}, allowed: the path of a file")
     if not isinstance(activation, str) or activation not in _ACTIVATIONS:
         raise InvalidArgumentError(
             f"activation is {activation!r}, allowed: {', '.join(_ACTIVATIONS)}"
@@ -271,12 +280,13 @@ def _readable_layers(layers: Sequence[tuple[Any, Any]]) -> list[Layer]:
     for i, (weight, bias) in enumerate(pairs):
         matrix = _numbers(f"the weight of layers[{i}]", weight)
         vector = _numbers(f"the bias of layers[{i}]", bias)
-        inputs = len(read[-1][1]) if read else matrix.shape[-1]
-        fits = matrix.ndim == 2 and matrix.shape[1] == inputs and vector.shape == matrix.shape[:1]
+        inputs = len(read[-1][1]) if read else None
+        fits = matrix.ndim == 2 and vector.shape == matrix.shape[:1]
+        fits = fits and inputs in (None, matrix.shape[1])
         if not fits or not 0 < min(matrix.shape) <= max(matrix.shape) <= MAX_WIDTH:
             raise InvalidArgumentError(
                 f"layers[{i}] has a weight of shape {matrix.shape} and a bias of shape "
-                f"{vector.shape}, allowed: (outputs, {inputs if read else 'inputs'}) and "
+                f"{vector.shape}, allowed: (outputs, {inputs or 'inputs'}) and "
                 f"(outputs,), both of 1..{MAX_WIDTH}"
             )
         if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):

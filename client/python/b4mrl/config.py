@@ -13,7 +13,7 @@ from b4mrl.errors import InvalidArgumentError
 from b4mrl.wire import checks
 
 WITHOUT_LIMIT = -1  # as a number of steps, as in gym.make
-MOST_STEPS = 2**32 - 1  # the longest limit that a task which counts steps can have
+MOST_STEPS = 2**32 - 1  # what a task that counts steps has in place of no limit
 
 
 def plain(config: Mapping[str, Any] | None) -> Any:

@@ -146,12 +146,13 @@ class Dataset(Shown):
 
         Args:
             seed: seed of the random choice.
-            batch: number of the batch. None: the number after that of the last call, from 0 on.
+            batch: number of the batch, below 2**64. None: the number after that of the last call,
+                from 0 on.
             with_indices: adds `indices` (rows,) uint64, the rows' numbers in the dataset.
         """
         rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
         seed = checks.unsigned("seed", seed)
-        number = self._next_batch if batch is None else checks.unsigned("batch", batch)
+        number = self._next_batch if batch is None else batch
         connection = self._connection
         request_id = self._send_sample(connection, rows, seed, number, with_indices)
         try:
@@ -374,7 +375,7 @@ class Dataset(Shown):
         request = Request()
         request.sample.fingerprint = self.fingerprint
         request.sample.seed = seed
-        request.sample.first_batch = batch
+        request.sample.first_batch = checks.unsigned("batch", batch)
         request.sample.batches = 1
         request.sample.rows = rows
         request.sample.with_indices = with_indices

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import gymnasium as gym
@@ -41,7 +42,8 @@ class Environment(Hosted, gym.Env[Array, Array]):
         session: the session underneath; `session.in_force` has all settings and perturbations with
             their values.
         digest: rolling hash of the actions and outcomes since the last seeded reset; equal digests
-            mean equal trajectories.
+            mean equal trajectories. set_state leaves it as it was: the next step or reset tells the
+            restored state's.
     """
 
     def __init__(
@@ -87,7 +89,9 @@ class Environment(Hosted, gym.Env[Array, Array]):
 
     def get_state(self) -> State:
         """The state as a dictionary (b4mrl.states)."""
-        return read_states(self.session.snapshot(), [self._has_ended])[0]
+        found = self.session.snapshot()
+        # Only now is it known how an interrupted step has ended.
+        return read_states(found, [self._has_ended])[0]
 
     def set_state(self, state: State) -> Array:
         """Lets the environment continue from `state`; returns the state's observation.
@@ -96,9 +100,9 @@ class Environment(Hosted, gym.Env[Array, Array]):
         InvalidArgumentError: it is of one whose lanes have another number of bytes.
         """
         (restoration,) = write_states([state])
-        observation: Array = self.session.restore(restoration.parts)[0]
-        (self._has_ended,) = restoration.ended
-        return observation.reshape(self._shape)
+        (has_ended,) = restoration.ended
+        keep = functools.partial(self._keep_restored, has_ended)
+        return self.session.restore(restoration.parts, None, keep)
 
     def render(self) -> Array | None:
         """A picture of the current state, uint8 (height, width, 3); None without render_mode."""
@@ -109,6 +113,11 @@ class Environment(Hosted, gym.Env[Array, Array]):
     def close(self) -> None:
         """Closes the session. May be called again."""
         self.session.close()
+
+    def _keep_restored(self, has_ended: bool, observations: Array) -> Array:
+        self._has_ended = has_ended
+        observation: Array = observations[0]
+        return observation.reshape(self._shape)
 
     def _begin_episode(self, outcome: Outcome) -> tuple[Array, dict[str, Any]]:
         self._has_ended = False

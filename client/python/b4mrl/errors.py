@@ -164,6 +164,11 @@ def unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> Unkno
     return UnknownNameError(f"unknown {kind} {name!r}{meant} ({hint})")
 
 
+def connection_closed() -> FailedPreconditionError:
+    """The error of a call after the connection's end."""
+    return FailedPreconditionError("the connection is closed; make a new one")
+
+
 def another_thread() -> FailedPreconditionError:
     """The error of a second thread."""
     return FailedPreconditionError(

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from b4mrl import errors, infos, simulators
+from b4mrl import config, errors, infos, simulators
 from b4mrl.display import Shown
 from b4mrl.origin import Origin
 from b4mrl.wire import checks, limits
@@ -86,8 +86,8 @@ class Hosted(Shown):
     def spec(self) -> EnvSpec | None:
         """The spec from which gym.make or gym.make_vec makes the same environment again.
 
-        Its `max_episode_steps` is the daemon's limit, and its arguments are what was opened, as
-        JSON has it, whatever spec was assigned.
+        Its `max_episode_steps` is the daemon's limit, None without one, and its arguments are what
+        was opened, as JSON has it, whatever spec was assigned.
         """
         return self._spec
 
@@ -99,6 +99,10 @@ class Hosted(Shown):
             opened = self._origin.gym_spec().kwargs
             given = self._spec.kwargs.items()
             self._spec.kwargs = {name: opened.get(name, value) for name, value in given}
+            is_lifted = opened.get("max_episode_steps") == config.WITHOUT_LIMIT
+            if is_lifted and self._spec.max_episode_steps is None:
+                # gym.make takes None for the task's own limit, which this argument lifts.
+                self._spec.kwargs["max_episode_steps"] = config.WITHOUT_LIMIT
 
     @property
     def transport(self) -> str:

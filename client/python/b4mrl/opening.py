@@ -161,7 +161,7 @@ def mode_name(mode: Any) -> str:
     """
     values = {member.value: member.name for member in AutoresetMode}
     name = str(mode.name if isinstance(mode, AutoresetMode) else values.get(str(mode), mode))
-    if name.upper() not in AUTORESET_MODES.values_by_name:
+    if name.upper() not in list(AUTORESET_MODES.values_by_name):
         known = ", ".join(name.lower() for name in AUTORESET_MODES.values_by_name)
         raise errors.InvalidArgumentError(
             f"autoreset_mode is {mode!r}, allowed: {known}, or one of Gymnasium's AutoresetMode"
@@ -173,7 +173,7 @@ def dtype_name(dtype: DTypeLike) -> str:
     """The name of `dtype`. InvalidArgumentError: it is neither float32 nor float64."""
     try:
         kind = np.dtype(np.void if dtype is None else dtype)  # None would mean float64
-    except TypeError:
+    except (TypeError, UnicodeEncodeError):
         kind = np.dtype(np.void)
     if kind not in (np.float32, np.float64):
         raise errors.InvalidArgumentError(f"dtype is {dtype!r}, allowed: float32, float64")

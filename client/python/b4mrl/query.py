@@ -29,27 +29,26 @@ _MAX_SESSIONS = 16  # kept open for further queries; the least recently used is 
 
 @dataclass(frozen=True)
 class Rows:
-    """Observations and actions, (rows, ...) each, of one dtype: float32 or float64."""
+    """Observations and actions, (rows, ...) each; each of them is float32 or float64."""
 
     observations: Array
     actions: Array
 
     @property
     def dtype(self) -> np.dtype[Any]:
+        """That of the observations, in which the next ones are answered."""
         return self.observations.dtype
 
     @classmethod
     def of(cls, observations: ArrayLike, actions: ArrayLike, *, copy: bool = False) -> Rows:
         """Reads a caller's arrays; with `copy`, the caller may change them afterwards.
 
+        Floating-point numbers of more than 32 bits become float64, all others float32.
         InvalidArgumentError: they are no arrays of numbers, or their numbers of rows differ.
         """
-        read = np.array if copy else np.asarray
         try:
-            given = read(observations)
-            dtype = np.float64 if given.dtype == np.float64 else np.float32
-            states, controls = given.astype(dtype, copy=False), read(actions, dtype)
-        except (TypeError, ValueError) as error:  # rows of unequal lengths; texts
+            states, controls = (_floats(given, copy) for given in (observations, actions))
+        except checks.NO_ARRAY as error:  # rows of unequal lengths; texts
             raise InvalidArgumentError(
                 f"observations or actions are no arrays of numbers ({error}), allowed: (rows, ...)"
             ) from None
@@ -73,6 +72,12 @@ class Rows:
             self.observations.reshape(rows, observation_size),
             self.actions.reshape(rows, action_size),
         )
+
+
+def _floats(given: ArrayLike, copy: bool) -> Array:
+    read = checks.real(given, copy)
+    is_wide = read.dtype.kind == "f" and read.dtype.itemsize > 4
+    return read.astype(np.float64 if is_wide else np.float32, copy=False)
 
 
 def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> QueryAnswer:
@@ -151,10 +156,13 @@ class PendingQuery:
         """Waits for the answer, and returns it as Client.query does; always the same arrays.
 
         After an error, or an interruption such as Ctrl-C, the next call asks the daemon again, with
-        the same draw, and returns the same numbers: a query changes nothing.
+        the same draw, and returns the same numbers: a query changes nothing. A forked child, which
+        cannot receive what its parent has sent, asks for itself.
         """
         if self._answer is None:
             gather, self._gather = self._gather, None
+            if self._session.is_foreign:
+                gather, self._session = None, self._sessions.find(self._opening)
             try:
                 self._answer = (gather or self._ask(self._session))()
             except SessionLostError:  # idle for longer than its lease
@@ -180,7 +188,9 @@ class QuerySessions:
     def find(self, opening: Opening) -> Session:
         """The session of that opening; opens it if there is none."""
         key = _key_of(opening)
-        session = self._sessions.pop(key, None) or self._open(opening)
+        session = self._sessions.pop(key, None)
+        if session is None or session.is_foreign:
+            session = self._open(opening)
         self._sessions[key] = session
         while len(self._sessions) > _MAX_SESSIONS:
             self._sessions.popitem(last=False)  # closes it, unless a query of it is under way
@@ -217,8 +227,9 @@ def _simulator_of(opening: Opening) -> tuple[str, str, str]:
 
 def _rows_at_once(rows: Rows) -> int:
     """The largest number of rows of a request that fits the request and its reply."""
-    (_, observation), (_, action) = rows.observations.shape, rows.actions.shape
-    itemsize = rows.dtype.itemsize
+    observation, action = (
+        given.itemsize * given.shape[1] for given in (rows.observations, rows.actions)
+    )
     # Beside the observation, a request has the action, a reply the reward and two flags.
-    row_bytes = itemsize * observation + max(itemsize * action, 8 + 2)
+    row_bytes = observation + max(action, 8 + 2)
     return min(_ROWS_AT_ONCE, rows_that_fit(row_bytes))

@@ -103,14 +103,18 @@ class StableBaselinesVecEnv(VecEnv):
     ) -> list[Any]:
         """`get_state()`, or `set_state(state)` with one state for all chosen environments.
 
-        UnsupportedError: another method.
+        UnsupportedError: another method. InvalidArgumentError: other arguments than these.
         """
         lanes = self._lanes(indices)
         if method_name == "get_state":
             return self.batch.get_state(lanes)
         if method_name == "set_state":
-            (state,) = method_args or method_kwargs.values()
-            return list(self.batch.set_state([state] * len(lanes), lanes))
+            given = [*method_args, *method_kwargs.values()]
+            if len(given) != 1:
+                raise errors.InvalidArgumentError(
+                    f"set_state has {len(given)} arguments, allowed: 1, the state"
+                )
+            return list(self.batch.set_state(given * len(lanes), lanes))
         raise errors.UnsupportedError(
             f"method_name is {method_name!r}, allowed: get_state, set_state"
         )

@@ -91,8 +91,10 @@ class PrivateDaemon(Shown):
         """Reads the daemon's output up to "ready ENDPOINT" and returns ENDPOINT."""
         assert self._process.stdout is not None
         descriptor, text = self._process.stdout.fileno(), b""
+        poll = select.poll()  # select.select knows no descriptor beyond 1,023
+        poll.register(descriptor, select.POLLIN)
         while (left := deadline - time.monotonic()) > 0 and len(text) < 4096:
-            if not select.select([descriptor], [], [], left)[0]:
+            if not poll.poll(left * 1000):
                 continue
             received = os.read(descriptor, 256)
             if not received:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from b4mrl.errors import InvalidArgumentError
+from b4mrl.wire import checks
 
 # "gravity=1.5,hidden=9+10"; {"gravity": 1.5, "hidden": [9, 10]}; ["gravity=1.5", "obs-noise-low"].
 Simulator = str | Mapping[str, Any] | Sequence[Any] | None
@@ -44,15 +45,10 @@ def parse(simulator: Simulator, name: str = "simulator") -> tuple[NamedArgument,
     texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form; the
     message calls it `name`.
     """
-    if simulator is None:
-        return ()
-    if isinstance(simulator, str):
-        return tuple(_parse_text(item, simulator) for item in simulator.split(",") if simulator)
-    if isinstance(simulator, Mapping):
-        return tuple(_named(name, value) for name, value in simulator.items())
-    if isinstance(simulator, Sequence):
-        return tuple(item for entry in simulator for item in _parse_entry(entry))
-    raise InvalidArgumentError(f"{name} is {simulator!r}, {_ALLOWED}")
+    items = _parse(simulator, name)
+    for item in items:
+        checks.text("perturbation", str(item))
+    return items
 
 
 def plain(simulator: Simulator, name: str = "simulator") -> str | list[list[str | None]] | None:
@@ -73,11 +69,23 @@ def text_of(items: Iterable[NamedArgument]) -> str:
     return ",".join(map(str, items))
 
 
+def _parse(simulator: Simulator, name: str) -> tuple[NamedArgument, ...]:
+    if simulator is None:
+        return ()
+    if isinstance(simulator, str):
+        return tuple(_parse_text(item, simulator) for item in simulator.split(",") if simulator)
+    if isinstance(simulator, Mapping):
+        return tuple(_named(name, value) for name, value in simulator.items())
+    if isinstance(simulator, Sequence):
+        return tuple(item for entry in simulator for item in _parse_entry(entry))
+    raise InvalidArgumentError(f"{name} is {simulator!r}, {_ALLOWED}")
+
+
 def _parse_entry(entry: Any) -> tuple[NamedArgument, ...]:
     if isinstance(entry, NamedArgument):
         return (entry,)
     if isinstance(entry, str | Mapping):
-        return parse(entry)
+        return _parse(entry, "simulator")
     if isinstance(entry, Sequence) and len(entry) == 2:
         return (_named(*entry),)
     raise InvalidArgumentError(f"perturbation is {entry!r}, {_ALLOWED}")

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from b4mrl.config import MOST_STEPS
 from b4mrl.display import Shown, table
 from b4mrl.errors import InternalError
 from b4mrl.values import Value
@@ -141,7 +142,7 @@ def spec_of(info: Any) -> EnvironmentSpec:
         observation=_space_of(info.observation, limits.MAX_OBSERVATION_DIMENSIONS),
         action=_space_of(info.action, limits.MAX_ACTION_DIMENSIONS),
         reward=info.reward,
-        max_episode_steps=info.max_episode_steps,
+        max_episode_steps=0 if info.max_episode_steps == MOST_STEPS else info.max_episode_steps,
         step_seconds=info.step_seconds,
         reference_min=info.reference_min if info.HasField("reference_min") else None,
         reference_max=info.reference_max if info.HasField("reference_max") else None,

@@ -144,8 +144,8 @@ def _numbers(name: str, value: Any) -> Array:
     try:
         if name == "vehicles":
             value = [[vehicle[column] for column in VEHICLE_COLUMNS] for vehicle in value]
-        return np.asarray(value, np.float64).reshape(-1)
-    except (KeyError, TypeError, ValueError) as error:
+        return checks.real(value).astype(np.float64, copy=False).reshape(-1)
+    except (KeyError, *checks.NO_ARRAY) as error:
         raise InvalidArgumentError(
             f"{name} of the state cannot be read ({type(error).__name__}: {error}), "
             "allowed: a part as get_state returns it"

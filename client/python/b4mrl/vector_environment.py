@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -58,6 +59,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
             their values.
         digests: (n,) uint64, a rolling hash of each environment's actions and outcomes since its
             last seeded reset; equal digests mean equal trajectories. A new array after each call.
+            set_state leaves them as they were: the next step or reset tells the restored states'.
     """
 
     def __init__(
@@ -142,7 +144,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         lanes = self._lanes(env_ids)
         count = self.num_envs if lanes is None else len(lanes)
         rows = checks.action_rows(actions, count, self.session.spec.action.shape)
-        self.session.send_step(rows, lanes, lambda: self._prepare_step(lanes))
+        self.session.send_step(rows, lanes, self._part, lambda: self._prepare_step(lanes))
 
     def recv(self) -> StepResult:
         """The result of the first send that is answered, as `step` returns it.
@@ -154,10 +156,14 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         return self.session.receive_step(self._part)
 
     def get_state(self, env_ids: EnvIds = None) -> list[State]:
-        """The states of `env_ids`, or of all, as dictionaries (b4mrl.states)."""
+        """The states of `env_ids`, or of all, as dictionaries (b4mrl.states).
+
+        They are those behind the steps of these environments that are under way.
+        """
         lanes = self._lanes(env_ids)
-        ended = (self._ended if lanes is None else self._ended[lanes]).tolist()
         found = self.session.snapshot(lanes)
+        # Only now is it known how the steps that were under way have ended.
+        ended = (self._ended if lanes is None else self._ended[lanes]).tolist()
         if len(found) > 1 or len(ended) == 1:
             return read_states(found, ended)
         # States of unequal sizes have their readable parts only when they travel alone.
@@ -174,7 +180,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         """
         lanes = self._lanes(env_ids)
         targets = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
-        if not isinstance(states, Sequence | np.ndarray):
+        if not isinstance(states, Sequence | np.ndarray) or getattr(states, "ndim", 1) == 0:
             raise errors.InvalidArgumentError(
                 f"states are {reprlib.repr(states)}, allowed: a list of {len(targets)} states"
             )
@@ -184,9 +190,8 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
             )
         for restoration in write_states(states):
             chosen = targets[restoration.positions]
-            observations = self.session.restore(restoration.parts, chosen)
-            self._observations[chosen] = observations.reshape(len(chosen), *self._shape)
-            self._ended[chosen] = restoration.ended
+            keep = functools.partial(self._keep_restored, chosen, restoration.ended)
+            self.session.restore(restoration.parts, chosen, keep)
         return self._observations[targets]
 
     def render(self) -> tuple[Array, ...] | None:
@@ -271,6 +276,10 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         self.digests = digests
         self._ended[chosen] = ended
         return observations
+
+    def _keep_restored(self, chosen: Lanes, ended: list[bool], observations: Array) -> None:
+        self._observations[chosen] = observations.reshape(len(chosen), *self._shape)
+        self._ended[chosen] = ended
 
     def _begin_episodes(self, outcome: Outcome) -> Outcome:
         self._keep(outcome, ended=False)

@@ -9,8 +9,7 @@ from pathlib import Path
 import b4mrl
 import pytest
 
-from made_dataset import run_dataset
-from written_dataset import write_example
+from made_dataset import run_dataset, write_example
 
 # Compared with other people's programs in the long form alone, whatever is installed.
 LONG_FILES = (

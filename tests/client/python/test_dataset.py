@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import os
 import pickle
 from pathlib import Path
@@ -17,20 +16,24 @@ from b4mrl.benchmarks.ledger import LedgerCounts
 from b4mrl.wire import limits
 
 from equality import assert_same
-from written_dataset import EPISODE, ROWS, write_example
+from made_dataset import EXAMPLE_EPISODE, EXAMPLE_ROWS, write_example
 
 
 def test_a_dataset_is_listed_and_read_as_it_was_written(example) -> None:
     client, columns = example
     assert "HalfCheetah/medium" in [info.name for info in client.datasets()]
     with client.dataset("HalfCheetah/medium") as dataset:
-        assert (dataset.rows, dataset.observation_size, dataset.action_size) == (ROWS, 17, 6)
-        assert dataset.in_force.info.rows == ROWS
+        assert (dataset.rows, dataset.observation_size, dataset.action_size) == (
+            EXAMPLE_ROWS,
+            17,
+            6,
+        )
+        assert dataset.in_force.info.rows == EXAMPLE_ROWS
         rows = dataset.read(10, 50)
         assert rows.keys() == columns.keys()
         for name, column in rows.items():
             np.testing.assert_array_equal(column, columns[name][10:60])
-        assert len(dataset.read(ROWS - 3, 50)["rewards"]) == 3
+        assert len(dataset.read(EXAMPLE_ROWS - 3, 50)["rewards"]) == 3
 
 
 def test_rows_and_queries_of_pairs_are_counted_in_the_ledger_of_the_dataset(example) -> None:
@@ -44,7 +47,7 @@ def test_rows_and_queries_of_pairs_are_counted_in_the_ledger_of_the_dataset(exam
             another.sample(4)
         assert ledger.counts().dataset_rows == 310
         dataset.pair("gravity")  # reads every row and simulates one step from it
-        assert ledger.counts() == LedgerCounts(0, 0, ROWS, 310 + ROWS)
+        assert ledger.counts() == LedgerCounts(0, 0, EXAMPLE_ROWS, 310 + EXAMPLE_ROWS)
 
 
 def test_a_batch_holds_the_rows_that_its_indices_name(example) -> None:
@@ -67,6 +70,10 @@ def test_a_batch_is_a_function_of_its_seed_and_number(example) -> None:
         np.testing.assert_array_equal(two.sample(32, batch=0)["rewards"], first[0])
         np.testing.assert_array_equal(two.sample(32)["rewards"], first[1])
         assert not np.array_equal(two.sample(32, batch=0, seed=1)["rewards"], first[0])
+        two.sample(32, batch=2**64 - 1)  # the last one
+        for batch in (None, 2**64):
+            with pytest.raises(errors.InvalidArgumentError, match=f"batch is {2**64}, allowed"):
+                two.sample(32, batch=batch)
         stream = two.stream(32, first_batch=1)
         for wanted in first[1:]:
             np.testing.assert_array_equal(next(stream)["rewards"], wanted)
@@ -100,10 +107,10 @@ def test_statistics_are_those_of_the_served_data(example) -> None:
         # Sums in another order than numpy's.
         np.testing.assert_allclose(stats.observation_mean, wanted.mean(0), atol=1e-12)
         np.testing.assert_allclose(stats.observation_std, wanted.std(0), atol=1e-12)
-        returns = columns["rewards"].reshape(-1, EPISODE).sum(1, dtype=np.float64)
-        assert (stats.rows, stats.episodes) == (ROWS, ROWS // EPISODE)
+        returns = columns["rewards"].reshape(-1, EXAMPLE_EPISODE).sum(1, dtype=np.float64)
+        assert (stats.rows, stats.episodes) == (EXAMPLE_ROWS, EXAMPLE_ROWS // EXAMPLE_EPISODE)
         assert stats.mean_return == pytest.approx(returns.mean())
-        assert (stats.min_reward, stats.max_reward) == (0, ROWS - 1)
+        assert (stats.min_reward, stats.max_reward) == (0, EXAMPLE_ROWS - 1)
         assert list(dataset.in_force.hidden_dimensions) == [9, 10]
 
 
@@ -151,14 +158,14 @@ def test_a_stream_that_cannot_be_is_refused_before_its_first_batch(example, name
 def test_it_loads_slices_and_counts_like_a_list(example) -> None:
     client, columns = example
     with client.dataset("HalfCheetah/medium") as dataset:
-        assert len(dataset) == ROWS
+        assert len(dataset) == EXAMPLE_ROWS
         for rows in (slice(None), slice(10, 60), slice(-3, None), slice(7, 7), slice(9, 3)):
             assert_same(dataset[rows], {name: each[rows] for name, each in columns.items()})
         assert_same(dataset.load(), columns)
         for wrong in (3, slice(0, 10, 2), slice("a"), "rewards"):
             with pytest.raises(errors.InvalidArgumentError, match="allowed: a slice"):
                 dataset[wrong]
-        for wrong in ((-1, 5), (ROWS, 1), (0, 0), (0, -1), (0.5, 1)):
+        for wrong in ((-1, 5), (EXAMPLE_ROWS, 1), (0, 0), (0, -1), (0.5, 1)):
             with pytest.raises(errors.InvalidArgumentError, match="integer (in 0..4999|of at le)"):
                 dataset.read(*wrong)
 
@@ -168,9 +175,9 @@ def test_episodes_are_the_rows_up_to_each_end(example) -> None:
     with client.dataset("HalfCheetah/medium") as dataset:
         dataset._rows_per_read = 37  # so that episodes lie across replies, and begin with one
         episodes = list(dataset.episodes())
-    assert len(episodes) == ROWS // EPISODE
+    assert len(episodes) == EXAMPLE_ROWS // EXAMPLE_EPISODE
     for i, episode in enumerate(episodes):
-        rows = slice(i * EPISODE, (i + 1) * EPISODE)
+        rows = slice(i * EXAMPLE_EPISODE, (i + 1) * EXAMPLE_EPISODE)
         assert_same(episode, {name: column[rows] for name, column in columns.items()})
 
 
@@ -184,7 +191,7 @@ def test_an_episode_ends_by_either_flag_and_the_last_one_may_be_open(tmp_path: P
     with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
         with client.dataset("HalfCheetah/ends") as dataset:
             lengths = [len(episode["rewards"]) for episode in dataset.episodes()]
-    assert lengths == [1, 99, 2901, ROWS - 3001]
+    assert lengths == [1, 99, 2901, EXAMPLE_ROWS - 3001]
 
 
 def test_what_does_not_fit_one_reply_comes_in_parts(tmp_path: Path, long: bool) -> None:
@@ -285,4 +292,4 @@ def test_a_dataset_says_what_it_is(example) -> None:
         assert "hidden=9+10" in dataset._repr_html_()
         assert "rows=5000" in repr(dataset.stats())
     (info,) = client.datasets()
-    assert (info.name, info.rows) == ("HalfCheetah/medium", ROWS)
+    assert (info.name, info.rows) == ("HalfCheetah/medium", EXAMPLE_ROWS)

@@ -9,7 +9,7 @@ import b4mrl
 import numpy as np
 import pytest
 
-from test_dataset import write_example
+from made_dataset import write_example
 
 ROOT = Path(__file__).parents[3]
 

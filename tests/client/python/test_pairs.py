@@ -12,7 +12,7 @@ import pytest
 from b4mrl import errors
 
 from equality import assert_same
-from written_dataset import ROWS, write_example
+from made_dataset import EXAMPLE_ROWS, write_example
 
 
 def test_a_paired_stream_has_what_the_simulator_makes_of_each_row(example) -> None:
@@ -22,7 +22,7 @@ def test_a_paired_stream_has_what_the_simulator_makes_of_each_row(example) -> No
     with dataset:  # which does not need its client any more
         simulator = "gravity,obs-noise=0.1"
         pairs = dataset.pair(simulator, seed=3)
-        rows = dataset.read(0, ROWS)
+        rows = dataset.read(0, EXAMPLE_ROWS)
         wanted = client.query(
             "HalfCheetah", rows["observations"], rows["actions"], simulator, seed=3
         )

@@ -94,6 +94,20 @@ def test_float32_rows_are_answered_in_float32(client: b4mrl.Client) -> None:
     assert wide[0].dtype == np.float32
 
 
+def test_each_array_keeps_its_own_precision(client: b4mrl.Client) -> None:
+    observations, actions = rows(client, "HalfCheetah", 10)
+    observations = observations.astype(np.float32)
+    actions = actions.astype(np.float64) + 1e-12  # no float32 numbers
+    narrow = client.query("HalfCheetah", observations, actions)
+    wide = client.query("HalfCheetah", observations.astype(np.float64), actions)
+    assert narrow[0].dtype == np.float32
+    np.testing.assert_array_equal(narrow[1], wide[1])  # the reward counts the action's square
+    assert np.any(wide[1] != client.query("HalfCheetah", observations, np.float32(actions))[1])
+    for other in (">f8", np.longdouble):
+        again = client.query("HalfCheetah", np.array(observations, other), np.array(actions, other))
+        assert_same(again, wide)
+
+
 def test_a_row_that_is_not_finite_is_not_valid(client: b4mrl.Client) -> None:
     observations, actions = rows(client, "HalfCheetah", 3)
     observations[1, 4] = np.nan
@@ -116,7 +130,24 @@ def test_rows_that_do_not_fit_are_refused(client: b4mrl.Client, observations, ac
         client.query("HalfCheetah", np.zeros(observations), np.zeros(actions))
 
 
-@pytest.mark.parametrize("rows", [[[1.0, 2.0], [3.0]], [["far"] * 17], None])
+class Tensor:
+    """As PyTorch's that requires grad."""
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise RuntimeError("Use tensor.detach().numpy() instead.")
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[1.0, 2.0], [3.0]],
+        [["far"] * 17],
+        None,
+        Tensor(),
+        [[10**400] * 17],
+        np.zeros((2, 17), "c8"),
+    ],
+)
 def test_what_is_no_array_of_numbers_is_refused(client: b4mrl.Client, rows: object) -> None:
     for observations, actions in ((rows, np.zeros((2, 6))), (np.zeros((2, 17)), rows)):
         with pytest.raises(errors.InvalidArgumentError):

@@ -48,17 +48,21 @@ def test_without_it_the_spec_has_the_tasks_own(client: b4mrl.Client, environment
 
 def test_minus_one_lifts_the_limit_of_steps(client: b4mrl.Client, environment: str) -> None:
     own = client.environments()[environment]
-    wanted = own.max_episode_steps if environment == "Highway" else 2**32 - 1
+    wanted = own.max_episode_steps if environment == "Highway" else 0  # no limit
     options = {"endpoint": client.endpoint, "max_episode_steps": -1}
     with gym.make(NAME.format(environment), **options) as env, gym.make(env.spec) as again:
         for each in (env, again):
             assert each.unwrapped.session.spec.max_episode_steps == wanted
+            assert each.spec.max_episode_steps == (wanted or None)  # as Gymnasium has it
         if environment == "HalfCheetah":
-            env.reset(seed=0)
+            again.reset(seed=0)
             for _ in range(own.max_episode_steps + 1):
-                assert not env.step(np.zeros(6, np.float32))[3]
+                assert not again.step(np.zeros(6, np.float32))[3]
     with client.make_vec(environment, 2, max_episode_steps=-1) as vec:
-        assert vec.spec.max_episode_steps == wanted
+        assert vec.spec.max_episode_steps == (wanted or None)
+        again = gym.make_vec(vec.spec)
+        assert again.session.spec.max_episode_steps == wanted
+        again.close()
 
 
 def test_what_the_settings_say_is_in_the_spec(endpoint: str) -> None:

@@ -169,6 +169,9 @@ def test_attributes_are_those_of_the_batch(client: b4mrl.Client) -> None:
     np.testing.assert_array_equal(
         vec.env_method("get_state", indices=1)[0]["qpos"], states[0]["qpos"]
     )
+    for given in ((), (states[0], states[0])):
+        with pytest.raises(errors.InvalidArgumentError, match="allowed: 1, the state"):
+            vec.env_method("set_state", *given)
     with pytest.raises(errors.UnsupportedError):
         vec.env_method("jump")
     with pytest.raises(errors.UnsupportedError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import select
 import shutil
 import signal
@@ -41,6 +42,22 @@ def test_it_runs_as_long_as_the_block() -> None:
     assert not is_running(daemon.process_id)
     assert not folder.exists()
     assert daemon.stop() == 0
+
+
+def test_it_starts_in_a_program_with_more_than_a_thousand_open_files() -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = limits[1] if limits[1] != resource.RLIM_INFINITY else 4096
+    if most < 2048:
+        pytest.skip("so many files may not be open here")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(most, 4096), limits[1]))
+    files = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]  # select takes 1,024
+    try:
+        with b4mrl.serve() as endpoint, b4mrl.connect(endpoint) as client:
+            assert client.environments()
+    finally:
+        for file in files:
+            os.close(file)
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
 def test_it_outlives_the_thread_that_started_it() -> None:

@@ -48,6 +48,9 @@ def test_every_form_means_its_text(written: object, text: str) -> None:
         ({"hidden": [True]}, r"hidden is \[True\]"),
         ({"hidden": [1.5]}, r"hidden is \[1.5\]"),
         ("gravity,,friction", "perturbation is ''"),
+        ("\ud800", r"perturbation is '\\ud800', allowed: a text"),
+        ({"model": "\ud800"}, r"perturbation is 'model=\\ud800', allowed: a text"),
+        ([["\ud800", 1]], r"perturbation is '\\ud800=1', allowed: a text"),
         ("hidden=1,2", r"'2' in 'hidden=1,2'.*joined by '\+'"),
     ],
 )

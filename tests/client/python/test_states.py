@@ -10,6 +10,7 @@ import pytest
 from b4mrl import errors, states
 
 from equality import assert_same
+from test_query import Tensor
 
 RAGGED = [[1], [1, 2]]  # no array
 
@@ -145,6 +146,9 @@ def test_states_go_to_the_environments_that_are_named(client: b4mrl.Client) -> N
         {"qpos": np.full(9, np.nan), "qvel": np.zeros(9)},
         {"qpos": np.zeros(9), "qvel": np.zeros(9), "speed": 1.0},
         {"qpos": "high", "qvel": np.zeros(9)},
+        {"qpos": np.zeros(9, complex), "qvel": np.zeros(9)},
+        {"qpos": [10**400] * 9, "qvel": np.zeros(9)},
+        {"qpos": Tensor(), "qvel": np.zeros(9)},
         {"vehicles": [{"x": 1.0}]},
     ],
 )

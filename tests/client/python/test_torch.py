@@ -10,7 +10,7 @@ from pathlib import Path
 import b4mrl
 import pytest
 
-from test_dataset import write_example
+from made_dataset import write_example
 from test_documents import program_with
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")

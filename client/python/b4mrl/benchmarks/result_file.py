@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from b4mrl.benchmarks.folders import folder_of_results
 from b4mrl.benchmarks.seeds import hash_name
 from b4mrl.descriptions import BenchmarkInfo, DatasetInForce
 from b4mrl.display import Listing, Record
@@ -95,17 +96,18 @@ class Result(Record):
 
 
 def find(folder: str | os.PathLike[str], benchmark: str) -> list[Result]:
-    """The results of a benchmark in `folder` and in its subfolder `results`, in order of names.
+    """The results of a benchmark in `folder`, in order of names.
 
-    Files that are no results of the benchmark are left out. DataLossError: a file holds no JSON, or
-    a result of the benchmark lacks an entry or has one of another type; the message names both.
+    A folder without results of its own, such as that of a runner, may have them in its subfolder
+    `results`, as for `b4mrl report`. Files that are no results of the benchmark are left out.
+    DataLossError: a file holds no JSON, or a result of the benchmark lacks an entry or has one of
+    another type; the message names both.
     """
-    place = checks.path("folder", folder)
-    paths = [*place.glob("*.json"), *place.glob("results/*.json")]
+    place = folder_of_results(checks.path("folder", folder))
     found: list[Result] = Listing()
-    for path in sorted(paths):
+    for path in sorted(place.glob("*.json")):
         try:
-            entries = json.loads(path.read_text())
+            entries = json.loads(path.read_text(encoding="utf-8"))
         except (ValueError, RecursionError) as error:
             raise DataLossError(f"{path} holds no JSON that can be read: {error}") from None
         names = entries.get("benchmarks") if isinstance(entries, dict) else None
@@ -301,7 +303,7 @@ def _mean_between(curve: Sequence[Point], low: float, high: float) -> float | No
 def _processor() -> str:
     """The processor's name, as the runner writes it."""
     with contextlib.suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
+        for line in Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines():
             if line.startswith("model name"):
                 return line.partition(": ")[2]
     return "unknown processor"
@@ -341,7 +343,7 @@ def earlier(
     run_id, _ = identities(info, algorithm, None if dataset is None else dataset.info.rows, seed)
     path = _path_of(folder, info, algorithm, seed, run_id)
     try:
-        entries = json.loads(path.read_text())
+        entries = json.loads(path.read_text(encoding="utf-8"))
         curve: list[Any] = [tuple(point) for point in entries["curve"]]
         updates, seconds = int(entries["updates"]), float(entries["seconds"])
         if any(len(point) != len(CURVE_COLUMNS) for point in curve):
@@ -360,7 +362,7 @@ def write(folder: Path, info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path
     path = _path_of(folder, info, entries["algorithm"], entries["seed"], entries["id"])
     unfinished = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
-        unfinished.write_text(_text_of(entries))
+        unfinished.write_text(_text_of(entries), encoding="utf-8")
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)

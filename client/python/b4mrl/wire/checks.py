@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import operator
 import os
 import reprlib
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,10 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from b4mrl.errors import InvalidArgumentError
 from b4mrl.wire.arrays import Array
+
+# What numpy raises where something does not become an array: OverflowError for an integer beyond
+# float64. RuntimeError is PyTorch's, of a tensor that requires grad, and says what is to be called.
+NO_ARRAY = (TypeError, ValueError, RuntimeError, OverflowError)
 
 
 def text(name: str, value: Any) -> str:
@@ -31,7 +35,8 @@ def path(name: str, value: Any) -> Path:
     """`value` as a Path. InvalidArgumentError: it names no file or folder, whatever is there."""
     try:
         given = os.fsdecode(value)
-    except TypeError:
+        os.fsencode(given)
+    except (TypeError, UnicodeError):
         given = None
     if given is None or "\0" in given:
         raise InvalidArgumentError(
@@ -52,11 +57,23 @@ def mapping(name: str, value: Any, allowed: str) -> Mapping[str, Any]:
 def array(name: str, value: Any, allowed: str, dtype: DTypeLike | None = None) -> Array:
     """`value` as an array. InvalidArgumentError: it cannot become one; `allowed` says what can."""
     try:
-        return np.asarray(value, dtype)
-    except (TypeError, ValueError, RuntimeError) as error:  # PyTorch's say what is to be called
+        return np.asarray(value) if dtype is None else real(value).astype(dtype, copy=False)
+    except NO_ARRAY as error:
         raise InvalidArgumentError(
             f"{name} is {reprlib.repr(value)}, allowed: {allowed} ({error})"
         ) from error
+
+
+def real(value: Any, copy: bool = False) -> Array:
+    """`value` as an array, of its own memory with `copy`.
+
+    TypeError: its numbers are complex, of which numpy would drop the imaginary parts. One of the
+    other errors in NO_ARRAY: it cannot become an array.
+    """
+    given = np.array(value) if copy else np.asarray(value)
+    if given.dtype.kind == "c":
+        raise TypeError("complex numbers")
+    return given
 
 
 def numbers(name: str, value: Any) -> NDArray[np.float64]:
@@ -115,7 +132,8 @@ def deadline_ms(value: Any, default: float, name: str = "deadline_ms") -> float:
 def positive(name: str, value: Any) -> float:
     """`value`. InvalidArgumentError: it is not a positive finite number."""
     is_number = isinstance(value, int | float | np.integer | np.floating)
-    if not is_number or isinstance(value, bool) or not 0 < value < math.inf:
+    # Also refuses an integer that is too large for a float.
+    if not is_number or isinstance(value, bool) or not 0 < value <= sys.float_info.max:
         raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a number above 0")
     return float(value)
 
@@ -133,12 +151,10 @@ def action_rows(actions: ArrayLike, count: int, shape: tuple[int, ...]) -> Array
 def _actions(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     allowed = f"allowed: numbers of shape {shape}"
     try:
-        given = np.asarray(value)
-        if given.dtype.kind == "c":
-            raise TypeError("complex numbers")  # numpy would drop their imaginary parts
+        given = real(value)
         if given.dtype != np.float32:
             given = given.astype(np.float64, copy=False)
-    except (TypeError, ValueError, RuntimeError) as error:  # PyTorch's say what is to be called
+    except NO_ARRAY as error:
         raise InvalidArgumentError(
             f"{name} is {reprlib.repr(value)}, {allowed} ({error})"
         ) from error

@@ -49,6 +49,10 @@ FAREWELL_MS = 500  # deadline of a session's last request, whose daemon may have
 _MOST_BYTES = limits.MAX_ENVELOPE_BYTES - 64  # of a request, without version, token, id, deadline
 _QUIET_SECONDS = 1.0  # a request waits for so long before anything looks for the daemon's end
 
+# What a call may raise when a signal handler has closed the connection in the middle of it, and its
+# requests are gone.
+_ODD = (LookupError, RuntimeError, ValueError)
+
 _all: weakref.WeakSet[Connection] = weakref.WeakSet()
 
 
@@ -105,9 +109,14 @@ class Connection:
         return self._user not in others
 
     @property
+    def is_inherited(self) -> bool:
+        """Whether this process is a forked child of the one that opened the connection."""
+        return self._link.process_id != os.getpid()
+
+    @property
     def is_foreign(self) -> bool:
         """Whether this process is a forked child and the parent had the connection open."""
-        return self._close_link.alive and self._link.process_id != os.getpid()
+        return self._close_link.alive and self.is_inherited
 
     def close(self, linger_ms: int = 0) -> None:
         """Closes the link and gives up unanswered requests.
@@ -194,7 +203,7 @@ class Connection:
         finally:
             self._inside = 0
         if not is_sent:
-            del self._pending[request_id]
+            self._pending.pop(request_id, None)
             raise errors.UnavailableError("the queue of requests to the daemon is full")
         return request_id
 
@@ -231,6 +240,9 @@ class Connection:
                 if self._pending.keys().isdisjoint(request_ids):
                     raise errors.FailedPreconditionError("no such request is in flight")
                 self._pump()
+        except _ODD:
+            self._refuse_unusable()
+            raise
         finally:
             self._inside = 0
 
@@ -268,9 +280,12 @@ class Connection:
         self._arrived.clear()
 
     def require_alone(self) -> int:
-        """The thread's identifier. FailedPreconditionError: another thread is in a call."""
+        """The thread's identifier. FailedPreconditionError: another thread is in a call.
+
+        A forked child has none of its parent's other threads.
+        """
         user = threading.get_ident()
-        if self._inside not in (0, user):
+        if self._inside not in (0, user) and not self.is_inherited:
             raise errors.another_thread()
         return user
 
@@ -281,7 +296,7 @@ class Connection:
             raise errors.FailedPreconditionError(
                 "the connection was made before a fork, in another process; connect again here"
             )
-        raise errors.FailedPreconditionError("the connection is closed; make a new one")
+        raise errors.connection_closed()
 
     def _transmit(self, request_id: int, pending: Pending) -> bool:
         now = time.monotonic()
@@ -306,7 +321,7 @@ class Connection:
     def _read(self) -> Message | None:
         wait_ms = math.ceil((self._next_wake() - time.monotonic()) * 1000)
         message = self._link.receive(wait_ms)
-        if message is None and self._link.is_refused:
+        if message is None and self._link.is_refused and self._close_link.alive:
             refused, self._handshakes = self._close_link, self.handshakes
             self._take_link(sockets.open_link(self.address))
             refused()
@@ -319,22 +334,17 @@ class Connection:
 
     def _next_wake(self) -> float:
         """The time at which the first pending request is sent again or given up."""
-        wake = math.inf
+        wake = time.monotonic() + 60  # nothing is pending once a signal handler has closed it
         for pending in self._pending.values():
             wake = min(wake, pending.deadline)
             if self._handshakes:  # before the first one, nothing is sent again
-                wake = min(wake, self._resend_time(pending))
+                wake = min(wake, pending.resend_time(self._last_reply))
         return wake
 
     def _end(self, pending: Pending) -> float:
         """The time at which a request is given up; earlier if the daemon has ended."""
         gone_since = self._listening.gone_since
         return min(pending.deadline, max(gone_since, pending.asked) + REACH_MS / 1000)
-
-    def _resend_time(self, pending: Pending) -> float:
-        if pending.sent == 0:
-            return 0
-        return max(pending.sent, self._last_reply) + pending.patience
 
     def _accept(self, message: Message) -> bool:
         """Keeps a message as the reply to its request; False if it answers no pending request."""
@@ -364,7 +374,7 @@ class Connection:
             if is_reconnected and not pending.renewed:
                 pending.renewed = True
                 pending.deadline = max(pending.deadline, now + pending.patience)
-            if is_reconnected or self._resend_time(pending) <= now:
+            if is_reconnected or pending.resend_time(self._last_reply) <= now:
                 pending.resent = True
                 # With a full queue, the request is sent again later, or given up in the end.
                 self._transmit(request_id, pending)

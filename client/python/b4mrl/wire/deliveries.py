@@ -67,6 +67,10 @@ class Pending:
         self.patience = seconds / _PATIENCE_FRACTION
         self.renewed = False
 
+    def resend_time(self, last_reply: float) -> float:
+        """The time at which it is sent again; `last_reply` is that of the latest reply to any."""
+        return max(self.sent, last_reply) + self.patience if self.sent else 0
+
 
 def no_reply(
     pending: Pending, address: str, was_reached: bool, is_refused: bool

@@ -20,6 +20,7 @@ PROTOCOL.md, section 13, has the layout.
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import mmap
 import os
@@ -85,8 +86,7 @@ class Door:
         self._handshakes = 0
         self._refusals = 0  # since the last greeting
         self._spinner = Spinner(0.0)
-        # Taken and released at once, which orders memory as a fence does. It is not waited for, as
-        # Ctrl-C may have come before its release.
+        self._is_closed = False  # perhaps by a signal handler in the middle of a call
         self._fence = threading.Lock()
 
     @property
@@ -152,6 +152,7 @@ class Door:
 
     def close(self, linger_ms: int = 0) -> None:
         """Of Link; waits until the worker has read the queued messages, at most `linger_ms`."""
+        self._is_closed = True
         memory = self._memory
         try:
             if memory is not None and self.process_id == os.getpid():
@@ -166,19 +167,20 @@ class Door:
 
     def connect(self, wait_ms: int) -> None:
         """Connects, or goes on connecting: waits for the greeting, at most `wait_ms`."""
-        if self._asked is None:
-            asked = self._ask()
-            if asked is None:
+        link = self._asked
+        if link is None:
+            link = None if self._is_closed else self._ask()
+            if link is None:
                 return
             self._queue.clear()  # the handshake has all requests sent again
             self._handshakes += 1
             self._asked_at = time.monotonic()
-            self._asked = asked
-        is_greeted = _is_readable(self._asked, wait_ms)
+            self._asked = link
+        is_greeted = _is_readable(link, wait_ms)
         if not is_greeted and time.monotonic() < self._asked_at + limits.HANDSHAKE_MS / 1000:
             return
         # If Ctrl-C comes after this line, the next call makes a new connection.
-        link, self._asked = self._asked, None
+        self._asked = None
         memory = self._greet(link) if is_greeted else None
         if memory is None:
             self._refusals += 1
@@ -189,6 +191,9 @@ class Door:
             memory.writer.push(*message)
         self._memory = memory
         self._queue.clear()
+        if self._is_closed:  # since this call has begun
+            self._leave()
+            return
         with contextlib.suppress(BrokenRingError):  # the next call finds that again
             self._write(memory)
 
@@ -263,13 +268,29 @@ class Door:
 
     def _wake(self, memory: _Memory, reason: int) -> None:
         """Wakes the worker if it sleeps for that reason; called when the reason has ended."""
-        self._fence.acquire(False)
-        self._fence.release()
+        self._order_memory()
         if not memory.sleeps[_WORKER_SLEEPS] & reason or self._memory is not memory:
             return
         memory.sleeps[_WORKER_SLEEPS] = 0
-        with contextlib.suppress(BlockingIOError, ConnectionError):  # bells enough, or nobody there
+        try:
             memory.link.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except (BlockingIOError, ConnectionError):  # bells enough, or nobody there
+            pass
+        except OSError as error:
+            if error.errno != errno.EBADF:  # a signal handler has closed the link
+                raise
+
+    def _order_memory(self) -> None:
+        """Orders the writes before it and the reads behind it, as a fence does.
+
+        A lock does that when it is taken. It is not waited for: one that Ctrl-C has left locked, or
+        that the call holds into which a signal handler came, is given up for a new one.
+        """
+        fence = self._fence
+        if not fence.acquire(False):
+            self._fence = fence = threading.Lock()
+            fence.acquire(False)
+        fence.release()
 
     def _await_bytes(self, memory: _Memory, wait_ms: int) -> bool:
         """Waits until bytes are here, at most `wait_ms` or LONGEST_BLOCK_MS; whether they are."""
@@ -292,8 +313,7 @@ class Door:
         link, reader, sleeps = memory.link, memory.reader, memory.sleeps
         reader.publish()
         sleeps[_CLIENT_SLEEPS] = reasons
-        self._fence.acquire(False)
-        self._fence.release()
+        self._order_memory()
         try:
             if reasons & _FOR_BYTES and reader.has_bytes():
                 return
@@ -304,8 +324,12 @@ class Door:
             has_ended = not link.recv(64)
         except BlockingIOError:  # nobody rang
             return
-        except ConnectionError:  # not OSError: a signal handler may raise TimeoutError
+        except ConnectionError:
             has_ended = True
+        except OSError as error:  # a signal handler may raise TimeoutError
+            if error.errno != errno.EBADF:
+                raise
+            has_ended = True  # a signal handler has closed the link
         finally:
             sleeps[_CLIENT_SLEEPS] = 0
         if has_ended and not reader.has_bytes():  # what the worker published before is taken first
@@ -340,8 +364,11 @@ def _is_trusted(link: socket.socket) -> bool:
 
 
 def _is_readable(link: socket.socket, wait_ms: int) -> bool:
+    descriptor = link.fileno()
+    if descriptor < 0:
+        return False  # a signal handler has closed it
     poll = select.poll()
-    poll.register(link, select.POLLIN)
+    poll.register(descriptor, select.POLLIN)
     return bool(poll.poll(max(wait_ms, 0)))
 
 

@@ -48,7 +48,7 @@ class _Operation:
     envelope: bytes
     payload: bytearray
     prepared: Any
-    read: Read[Any] | None  # of the call that began it; None for a sent step
+    read: Read[Any]  # of the call that began it
     is_interrupted: bool = True  # no call waits for its outcome, or Ctrl-C would end that call
 
 
@@ -81,7 +81,8 @@ class Operations:
         `prepared` is what `prepare()` returned when the operation began, before it was sent. What
         `prepare` raises keeps the operation from beginning; a repetition of an interrupted call
         does not call it. If Ctrl-C comes before `read` is done, the operation counts as
-        interrupted, and `read` may have been called already when the call is repeated.
+        interrupted, and `read` may have been called already when the call is repeated. It is
+        called early, too, where `read_lanes` or another operation needs to know the outcome.
         """
         user = self._require_alone()
         try:
@@ -96,13 +97,18 @@ class Operations:
         lanes: Lanes | None,
         columns: Mapping[str, Array],
         deadline_ms: float,
+        read: Read[Any],
         prepare: Callable[[], Any] | None = None,
     ) -> None:
-        """The first half of a step; several may be under way for different lanes."""
+        """The first half of a step; several may be under way for different lanes.
+
+        `read` and `prepare` are as in `call`; `read` is called where the outcome is needed before
+        it is received.
+        """
         user = self._require_alone()
         try:
             self._inside = user
-            request_id = self._begin("step", lanes, columns, deadline_ms, prepare, None)
+            request_id = self._begin("step", lanes, columns, deadline_ms, prepare, read)
             self._under_way[request_id].is_interrupted = False
         finally:
             self._inside = 0
@@ -123,27 +129,39 @@ class Operations:
             delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
         return self._take(delivery, read)
 
-    def read_lanes(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
-        """Connection.call of a request that changes nothing, but takes the lanes for a while.
+    def read_lanes(
+        self, request: Any, payload: bytearray, lanes: Lanes | None, deadline_ms: float
+    ) -> Delivery:
+        """Connection.call of a request that changes nothing, but takes `lanes` for a while.
 
-        It sees what the interrupted operations have done. If Ctrl-C ends its wait, the next call
-        of this session waits in its place, as the daemon would refuse a lane that is being read.
+        It sees what the interrupted operations have done, and the sent steps of `lanes`. Their
+        `read` has been called when it returns, so whoever keeps what the latest outcome says about
+        a lane knows it of what was read here; the outcomes are kept for their callers. If Ctrl-C
+        ends its wait, the next call of this session waits in its place, as the daemon would refuse
+        a lane that is being read. Raises the error of an operation whose outcome is unknown.
         """
         user = self._require_alone()
         try:
             self._inside = user
-            self._await_interrupted(deadline_ms)
+            self._await_operations(lanes, deadline_ms)
             self._reading = self._connection.next_id
             return self._connection.reply_to(self._connection.send(request, payload, deadline_ms))
         finally:
             self._inside = 0
 
-    def _await_interrupted(self, deadline_ms: float) -> None:
-        """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
+    def _await_operations(self, lanes: Lanes | None, deadline_ms: float) -> None:
+        """Waits until the interrupted operations, and the sent ones of `lanes`, are executed.
+
+        Reads their outcomes, and keeps them.
+        """
         self._await_reading()
         self._drop_unsent()
-        for request_id in self._interrupted():
-            self._settle(request_id, deadline_ms)
+        for request_id, operation in list(self._under_way.items()):
+            if not operation.is_interrupted and not _overlap(lanes, operation.lanes):
+                continue
+            delivery = self._settle(request_id, deadline_ms)
+            if delivery.error is None:
+                operation.read(delivery, operation.lanes, operation.prepared)
 
     def _await_reading(self) -> None:
         """Waits until the daemon has done an interrupted request of `read_lanes`.
@@ -156,18 +174,19 @@ class Operations:
 
     def _require_alone(self) -> int:
         user = threading.get_ident()
+        if not self._inside or self._connection.is_inherited:
+            return user  # a forked child has none of its parent's other threads
         if self._inside == user:
             raise errors.FailedPreconditionError(
                 "a call of this environment is under way in this thread; allowed: one at a time, "
                 "so a signal handler uses the environment once the call has returned, or closes it"
             )
-        if self._inside:
-            raise errors.another_thread()
-        return user
+        raise errors.another_thread()
 
     def _settle(self, request_id: int, deadline_ms: float) -> Delivery:
-        """The outcome of an interrupted operation. Raises the error if it is still unknown."""
-        self._connection.ask_again(request_id, deadline_ms)
+        """The outcome of an operation. Raises the error if it is still unknown."""
+        if self._under_way[request_id].is_interrupted:
+            self._connection.ask_again(request_id, deadline_ms)
         delivery = self._connection.await_any((request_id,))
         if delivery.error is not None and delivery.unsettled is not None:
             raise delivery.error
@@ -192,7 +211,7 @@ class Operations:
         columns: Mapping[str, Array],
         deadline_ms: float,
         prepare: Callable[[], Any] | None,
-        read: Read[Any] | None,
+        read: Read[Any],
     ) -> int:
         """Sends an operation, or finds the interrupted one that it repeats; returns the request id.
 
@@ -240,7 +259,7 @@ class Operations:
             if not _overlap(lanes, operation.lanes):
                 continue
             delivery = self._settle(request_id, deadline_ms)
-            if operation.read is None or delivery.error is not None:
+            if delivery.error is not None:
                 self._end(delivery)
             else:
                 self._take(delivery, operation.read)

@@ -76,6 +76,11 @@ class Session:
         return self.in_force.num_envs
 
     @property
+    def is_foreign(self) -> bool:
+        """Whether this process is a forked child, and its parent had the session open."""
+        return self._connection.is_foreign
+
+    @property
     def transport(self) -> str:
         """How messages travel between this process and the worker now.
 
@@ -125,29 +130,45 @@ class Session:
     def send_step(
         self,
         actions: Array,
-        lanes: Lanes | None = None,
+        lanes: Lanes | None,
+        read: Callable[[StepOutcome], Any],
         prepare: Callable[[], Any] | None = None,
     ) -> None:
-        """The first half of step; several may be under way for different lanes."""
-        self._refuse_closed()
-        self._operations.send_step(lanes, {"actions": actions}, self.deadline_ms, prepare)
+        """The first half of step; several may be under way for different lanes.
+
+        `read` is called with the outcome if it is needed before `receive_step`: by a snapshot of
+        the lanes, or if Ctrl-C came before this call was done and another operation follows.
+        """
+        self._while_open(
+            self._operations.send_step,
+            lanes,
+            {"actions": actions},
+            self.deadline_ms,
+            lambda *it: read(self._step_outcome(*it)),
+            prepare,
+        )
 
     def receive_step(self, read: Callable[[StepOutcome], T]) -> T:
         """The second half of step: `read` of the sent step that is answered first.
 
         An error of the daemon has the step's lanes in `env_ids`.
         """
-        self._refuse_closed()
-        return self._operations.receive_step(lambda *it: read(self._step_outcome(*it)))
+        result: T = self._while_open(
+            self._operations.receive_step, lambda *it: read(self._step_outcome(*it))
+        )
+        return result
 
     def snapshot(self, lanes: Lanes | None = None) -> dict[str, Array]:
-        """The lanes' states: `snapshot` uint8 (n, bytes) and readable parts, float64 (n, size)."""
-        self._refuse_closed()
+        """The lanes' states: `snapshot` uint8 (n, bytes) and readable parts, float64 (n, size).
+
+        They lie behind the operations of the lanes that are interrupted or under way, whose `read`
+        has been called when this returns.
+        """
         self._numbers.check_range(lanes)
         request = Request()
         request.snapshot.SetInParent()
         payload = arrays.pack({} if lanes is None else {"lanes": lanes}, request.arrays)
-        delivery = self._operations.read_lanes(request, payload, self.deadline_ms)
+        delivery = self._read_lanes(request, payload, lanes)
         count = self._numbers.count_of(lanes)
         found = delivery.arrays
         for name in found:
@@ -155,11 +176,19 @@ class Session:
             require(found, name, dtype, (count, None))
         return found
 
-    def restore(self, parts: Mapping[str, Array], lanes: Lanes | None = None) -> Array:
-        """Sets the lanes' states, from `snapshot` or readable parts; returns the observations."""
+    def restore(
+        self, parts: Mapping[str, Array], lanes: Lanes | None, read: Callable[[Array], T]
+    ) -> T:
+        """Sets the lanes' states, from `snapshot` or readable parts.
+
+        Returns `read(observations)`, as `reset` does.
+        """
         count = self._numbers.count_of(lanes)
         return self._call(
-            "restore", lanes, parts, lambda it, *_: self._reader.observations(it.arrays, count)
+            "restore",
+            lanes,
+            parts,
+            lambda it, *_: read(self._reader.observations(it.arrays, count)),
         )
 
     def render(
@@ -183,7 +212,7 @@ class Session:
             request = Request()
             request.render.width, request.render.height = width, height
             payload = arrays.pack({"lanes": part}, request.arrays)
-            delivery = self._operations.read_lanes(request, payload, self.deadline_ms)
+            delivery = self._read_lanes(request, payload, part)
             shape = (len(part), height, width, 3)
             frames.extend(
                 frame.copy() for frame in require(delivery.arrays, "frames", "uint8", shape)
@@ -251,6 +280,11 @@ class Session:
             require(found, "valid", "uint8", (rows,)).astype(np.bool_),
         )
 
+    def _read_lanes(self, request: Any, payload: bytearray, lanes: Lanes | None) -> Delivery:
+        return self._while_open(
+            self._operations.read_lanes, request, payload, lanes, self.deadline_ms
+        )
+
     def _call(
         self,
         kind: str,
@@ -260,7 +294,23 @@ class Session:
         prepare: Callable[[], Any] | None = None,
     ) -> T:
         self._refuse_closed()
-        return self._operations.call(kind, lanes, columns, self.deadline_ms, read, prepare)
+        try:  # as _while_open, without its cost in each step
+            return self._operations.call(kind, lanes, columns, self.deadline_ms, read, prepare)
+        except errors.FailedPreconditionError:
+            self._refuse_closed()
+            raise
+
+    def _while_open(self, call: Callable[..., T], *arguments: Any) -> T:
+        """`call(*arguments)`. FailedPreconditionError: the environment is closed.
+
+        A signal handler may close it in the middle of the call, which then raises that, too.
+        """
+        self._refuse_closed()
+        try:
+            return call(*arguments)
+        except errors.FailedPreconditionError:
+            self._refuse_closed()
+            raise
 
     def _refuse_closed(self) -> None:
         if not self._farewell.is_due:

@@ -110,9 +110,12 @@ class SocketLink:
     def take_handshakes(self) -> int:
         """Of Link."""
         count = 0
-        while self._monitor.poll(0):
-            recv_monitor_message(self._monitor)
-            count += 1
+        try:
+            while self._monitor.poll(0):
+                recv_monitor_message(self._monitor)
+                count += 1
+        except zmq.ZMQError as error:
+            raise self._broken(error) from error
         return count
 
     def await_handshake(self, wait_ms: int) -> None:
@@ -135,6 +138,8 @@ class SocketLink:
             self._socket.recv()
 
     def _broken(self, error: zmq.ZMQError) -> errors.B4mrlError:
+        if self._socket.closed:  # by a signal handler in the middle of a call
+            return errors.connection_closed()
         return errors.UnavailableError(f"the socket towards {self.address} failed: {error}")
 
 
@@ -167,7 +172,7 @@ def open_link(address: str) -> SocketLink:
     link = SocketLink(address, socket, monitor)
     try:
         socket.connect(address)
-    except zmq.ZMQError as error:
+    except (zmq.ZMQError, UnicodeEncodeError) as error:
         link.close()
         raise errors.InvalidArgumentError(f"address is {address!r} ({error}), {allowed}") from None
     return link

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from b4mrl import errors
 
-from made_agents import ACTIONS, CARRIED, HIDDEN, RAGGED, SIZE, TOLERANCE, formula, write_agent
+from made_agents import (
+    ACTIONS,
+    CARRIED,
+    HIDDEN,
+    RAGGED,
+    SIZE,
+    TOLERANCE,
+    formula,
+    random_layers,
+    write_agent,
+)
 
 
 @pytest.mark.parametrize("hidden_layers", [1, 2, 3, 8])
@@ -67,6 +77,42 @@ def test_a_history_starts_with_copies_of_the_first_observation(tmp_path: Path) -
     policy.reset([])
     policy.reset(1)
     check(policy(c), [[b[0], b[0], c[0]], [c[1], c[1], c[1]]])
+
+
+def test_a_batch_of_another_size_is_refused_by_a_policy_with_histories_until_it_is_reset(
+    tmp_path: Path,
+) -> None:
+    entries = write_agent(tmp_path / "agent.h5", history=2)
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    a, b = np.random.default_rng(0).normal(size=(2, 3, SIZE))
+    policy(a)
+    for other in (b[1:], b[0]):  # whose histories would these be?
+        count = len(np.atleast_2d(other))
+        with pytest.raises(errors.InvalidArgumentError, match=f"has {count} rows, allowed: 3,"):
+            policy(other)
+    wanted = formula(entries, [a[1], b[1]])
+    np.testing.assert_allclose(policy(b)[1], wanted, atol=TOLERANCE)  # the histories go on
+    policy.reset()
+    np.testing.assert_allclose(policy(b[1:])[0], formula(entries, [b[1]] * 2), atol=TOLERANCE)
+
+
+def test_evaluations_of_any_number_of_episodes_take_a_policy_with_histories(
+    client: b4mrl.Client, tmp_path: Path
+) -> None:
+    b4mrl.save_agent(tmp_path / "agent.h5", random_layers([2 * 11, 3]), history_length=2)
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+
+    class Alone:
+        reset = staticmethod(policy.reset)
+
+        def __call__(self, observation: np.ndarray) -> np.ndarray:
+            answer = policy(observation)
+            return answer if observation.ndim == 1 else answer[0]  # refuses batches, but too late
+
+    bench = client.benchmark("Hopper/simulators/gravity")
+    for episodes in (3, 1, 2):
+        assert len(bench.evaluate(policy, episodes=episodes).returns) == episodes
+        assert len(bench.evaluate(Alone(), episodes=episodes).returns) == episodes
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (2, 4), (0, 3)])

@@ -71,6 +71,11 @@ def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activa
         ({"layers": random_layers([3, 5, 2])[:1] + random_layers([4, 2])}, r"\(outputs, 5\)"),
         ({"layers": [(np.zeros((2, 3)), np.zeros(3))]}, r"\(outputs,\)"),
         ({"layers": [(np.zeros(3), np.zeros(3))]}, "outputs"),
+        ({"layers": [(1.0, 1.0)]}, r"\(outputs, inputs\)"),
+        ({"layers": [(np.zeros((2, 3)), [1j, 2j])]}, "complex numbers"),
+        ({"path": ""}, "the path of a file"),
+        ({"path": "/"}, "the path of a file"),
+        ({"path": "\ud800"}, "a path"),
         ({"layers": [(np.zeros((2, 5000)), np.zeros(2))]}, "4096"),
         ({"layers": random_layers([3, 1025])}, r"1\.\.1024"),
         ({"layers": [(np.full((2, 3), np.nan), np.zeros(2))]}, "finite"),
@@ -84,9 +89,9 @@ def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activa
 def test_what_no_agent_file_can_hold_is_refused_with_what_is_allowed(
     tmp_path: Path, changes: dict, allowed: str
 ) -> None:
-    given = {"layers": random_layers([3, 5, 2])} | changes
+    given = {"path": tmp_path / "agent.h5", "layers": random_layers([3, 5, 2])} | changes
     with pytest.raises(errors.InvalidArgumentError, match=allowed):
-        b4mrl.save_agent(tmp_path / "agent.h5", **given)
+        b4mrl.save_agent(**given)
     assert not list(tmp_path.iterdir())
 
 
@@ -99,6 +104,7 @@ def test_what_no_agent_file_can_hold_is_refused_with_what_is_allowed(
         *(("algorithm", value) for value in (3, RAGGED)),
         *(("mask", value) for value in ("abc", RAGGED, {})),
         ("action_scale", "abc"),
+        ("action_scale", [10**400, 1]),
         *(("history_length", value) for value in (None, "abc", 0, 65)),
         *(("seed", value) for value in ("abc", -1)),
         *(("updates", value) for value in (None, "abc", -1, 2**53 + 1)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import b4mrl
 import numpy as np
@@ -34,6 +34,19 @@ def test_the_learner_in_pytorch_leaves_an_agent_of_both_sources(
     assert UPDATES * 128 <= used.dataset_rows <= (UPDATES + 4) * 128  # some are asked for ahead
     scores = medium.benchmark(HIDDEN).evaluate(tmp_path / "agent.h5", episodes=2)
     assert np.isfinite(scores.returns).all()
+
+
+def test_the_learner_in_pytorch_takes_observations_that_are_tables(client: b4mrl.Client) -> None:
+    hybrid = learner()
+    with client.make_vec("Highway", hybrid.LANES, seed=1) as vec:
+        bench = SimpleNamespace(make_simulator=lambda lanes, seed: vec)
+        rollouts = hybrid.Rollouts(bench, 2 * hybrid.LANES, np.random.default_rng(0))
+        size, actions = vec.session.spec.observation.size, vec.session.spec.action.size
+        mask = np.arange(size).reshape(5, 5) != 3
+        actor = hybrid.Actor(np.zeros(size), np.ones(size), mask, actions)
+        rollouts.step(actor)
+        assert rollouts.sample(4)["next_observations"].shape == (4, size)
+        assert actor.act(vec.reset(seed=1)[0]).shape == (hybrid.LANES, actions)
 
 
 def test_pytorch_and_the_programs_act_alike(medium: b4mrl.Client, tmp_path: Path) -> None:

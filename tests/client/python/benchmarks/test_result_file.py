@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,6 +64,34 @@ def test_the_own_algorithms_are_those_of_the_program() -> None:
 def test_a_file_that_names_no_benchmarks_is_no_result(tmp_path: Path, names: object) -> None:
     (tmp_path / "other.json").write_text(json.dumps({"benchmarks": names}))
     assert result_file.find(tmp_path, CLEAN) == []
+
+
+IN_ANOTHER_ENCODING = """
+import pathlib, sys, types
+from b4mrl.benchmarks import result_file
+
+folder = pathlib.Path(sys.argv[1])
+(found,) = result_file.find(folder, "b")
+names = dict(environment="E", simulator="", dataset="", corruption="", world="")
+entries = found.entries | {"id": "0", "algorithm": "other"}
+print(ascii(found.entries["note"]))
+result_file.write(folder, types.SimpleNamespace(**names), entries)
+assert len(result_file.find(folder, "b")) == 2
+"""
+
+
+def test_results_are_utf_8_whatever_the_machines_encoding_is(tmp_path: Path) -> None:
+    entries = {name: None for name in ("score", "settled")}
+    entries |= {"algorithm": "mine", "source": "user", "finished": True, "note": "ü"}
+    entries |= {"benchmarks": ["b"], "seed": 0, "updates": 1, "return": 1.0}
+    text = json.dumps(entries, ensure_ascii=False)
+    (tmp_path / "result.json").write_text(text, encoding="utf-8")
+    variables = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-c", IN_ANOTHER_ENCODING, tmp_path]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.strip()) == (0, r"'\xfc'"), done.stderr
+    (other,) = tmp_path.glob("E-other-*.json")
+    assert "ü" in other.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -159,12 +159,12 @@ def test_results_of_a_benchmark_are_found_where_the_runner_keeps_them(
 ) -> None:
     bench = medium.benchmark(CLEAN)
     assert bench.results(tmp_path / "nowhere") == []
+    (tmp_path / "plan.json").write_text("[]")
     given = {"returns": [1.0, 2.0], "updates": 5}
     bench.record(algorithm="mine", seed=1, folder=tmp_path / "results", **given)
     bench.record(algorithm="mine", seed=0, folder=tmp_path / "results", **given)
     bench.record(algorithm="mine", seed=0, folder=tmp_path / "results", **given)  # replaces it
-    medium.benchmark(HIDDEN).record(algorithm="mine", seed=0, folder=tmp_path, **given)
-    (tmp_path / "plan.json").write_text("[]")
+    medium.benchmark(HIDDEN).record(algorithm="mine", seed=0, folder=tmp_path / "results", **given)
     found = bench.results(tmp_path)
     assert [(each.algorithm, each.seed, each.updates) for each in found] == [
         ("mine", 0, 5),
@@ -174,9 +174,12 @@ def test_results_of_a_benchmark_are_found_where_the_runner_keeps_them(
     assert found[0].entries["returns"] == [1.0, 2.0]
     assert "mean_return" in found._repr_html_()
     assert bench.results(tmp_path / "results")[1].path == found[1].path
-    (tmp_path / "cut.json").write_text("{")
+    (tmp_path / "results" / "cut.json").write_text("{")
     with pytest.raises(errors.DataLossError, match="cut.json"):
         bench.results(tmp_path)
+    # A folder with results of its own is read alone: what lies in its `results` may be a copy.
+    own = bench.record(algorithm="mine", seed=0, folder=tmp_path, **given)
+    assert [each.path for each in bench.results(tmp_path)] == [own]
 
 
 def test_json_that_is_nested_too_deeply_is_named(medium: b4mrl.Client, tmp_path: Path) -> None:

@@ -6,10 +6,12 @@ import json
 import multiprocessing
 import os
 import re
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import b4mrl
 import numpy as np
@@ -239,6 +241,24 @@ def test_the_learner_in_numpy_leaves_an_agent_that_clones(
     # The best constant action errs by the mean deviation of the data's actions.
     assert error < 0.7 * np.abs(rows["actions"] - np.median(rows["actions"], axis=0)).mean()
     assert agent(np.eye(17)[9]).tolist() == agent(np.zeros(17)).tolist()  # the hidden dimension
+
+
+def test_the_learner_in_numpy_takes_a_mask_that_is_a_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    rows = {"observations": rng.normal(size=(50, 25)), "actions": rng.uniform(-1, 1, (50, 2))}
+    mask = np.arange(25).reshape(5, 5) != 3
+    dataset = SimpleNamespace(load=lambda: rows)
+    bench = SimpleNamespace(dataset=dataset, mask=mask, out=tmp_path, environment="Highway", seed=0)
+    monkeypatch.setattr(b4mrl, "benchmark", lambda: bench)
+    runpy.run_path(str(EXAMPLES / "own_learner_numpy.py"))
+    agent = b4mrl.load_agent(tmp_path / "agent.h5")
+    tables = rows["observations"].reshape(50, 5, 5).copy()
+    actions = agent(tables)
+    assert actions.shape == (50, 2)
+    tables[:, 0, 3] += 1  # the hidden dimension
+    np.testing.assert_array_equal(agent(tables), actions)
 
 
 def test_the_runner_and_the_client_write_the_same_file_for_a_users_run(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from b4mrl import errors
 from b4mrl.benchmarks import result_file
+from b4mrl.benchmarks.evaluation import given_returns
 from b4mrl.wire import checks
 
 
@@ -19,7 +20,7 @@ def test_a_path_may_be_a_text_bytes_or_a_path(given: object) -> None:
     assert checks.path("folder", given) == Path("a/b")
 
 
-@pytest.mark.parametrize("wrong", [None, 3, 1.5, [], ["a"], "a\0b", b"a\0", object()])
+@pytest.mark.parametrize("wrong", [None, 3, 1.5, [], ["a"], "a\0b", b"a\0", "\ud800", object()])
 def test_what_is_no_path_is_refused_by_name(wrong: object) -> None:
     allowed = re.escape("allowed: a path, as a text or a pathlib.Path")
     with pytest.raises(errors.InvalidArgumentError, match=f"^path is .*, {allowed}$"):
@@ -55,6 +56,18 @@ def test_what_is_no_slice_of_rows_is_refused(wrong: object) -> None:
         checks.row_slice(wrong, 9)
 
 
+def test_an_integer_beyond_all_floats_is_refused(client: b4mrl.Client) -> None:
+    vast = 10**400
+    with pytest.raises(errors.InvalidArgumentError, match="^deadline_ms is 1000.*a number above 0"):
+        client.make("Hopper", deadline_ms=vast)
+    with client.make("Hopper") as env, client.make_vec("Hopper", 1) as vec:
+        for call in (lambda: env.step([vast] * 3), lambda: vec.step([[vast] * 3])):
+            with pytest.raises(errors.InvalidArgumentError, match="allowed: numbers of shape"):
+                call()
+    with pytest.raises(errors.InvalidArgumentError, match="^returns is .*finite number"):
+        given_returns([vast])
+
+
 GRAVITY = "HalfCheetah/simulators/gravity"
 ROW = np.zeros((1, 17)), np.zeros((1, 6))
 
@@ -68,6 +81,16 @@ ROW = np.zeros((1, 17)), np.zeros((1, 6))
         (
             lambda it: it.dataset("Hopper/mine", open_deadline_ms="x"),
             "open_deadline_ms is 'x', allowed: a number above 0",
+        ),
+        (lambda it: it.make("Hopper", dtype="\ud800"), r"dtype is '\ud800', allowed: float32"),
+        (
+            lambda it: it.make_vec("Hopper", autoreset_mode="\ud800"),
+            r"autoreset_mode is '\ud800', allowed: next_step",
+        ),
+        (lambda it: b4mrl.connect("tcp://\ud800"), r"address is 'tcp://\ud800'"),
+        (
+            lambda it: it.make_vec("Hopper").set_state(np.array(3)),
+            "states are array(3), allowed: a list of 1 states",
         ),
         (lambda it: it.query("HalfCheetah", *ROW, seed="x"), "seed is 'x', allowed"),
         (lambda it: it.query("HalfCheetah", *ROW, first_row="x"), "first_row is 'x', allowed"),

@@ -18,7 +18,7 @@ from b4mrl.query import Rows, begin
 from b4mrl.wire import limits
 
 from equality import assert_same
-from test_dataset import EPISODE, ROWS, write_example
+from made_dataset import EXAMPLE_EPISODE, EXAMPLE_ROWS, write_example
 
 CONNECTION = "b4mrl.wire.connection.Connection."
 # Where it fails while requests are sent, while a reply is waited for, and while it is read.
@@ -220,11 +220,11 @@ def test_episodes_go_on_with_the_one_that_was_kept_back(
     )  # episodes lie across several replies, of which two are under way
     whole = dataset.load()
     episodes = dataset.episodes()
-    for number in range(ROWS // EPISODE):
+    for number in range(EXAMPLE_ROWS // EXAMPLE_EPISODE):
         if number < 3:
             with failing(place, when, failure):
                 next(episodes)
-        rows = slice(number * EPISODE, (number + 1) * EPISODE)
+        rows = slice(number * EXAMPLE_EPISODE, (number + 1) * EXAMPLE_EPISODE)
         assert_same(next(episodes), {name: column[rows] for name, column in whole.items()})
     for _ in range(2):
         with pytest.raises(StopIteration):
@@ -247,4 +247,4 @@ def test_an_open_last_episode_goes_on_too(tmp_path: Path) -> None:
                 next(episodes)
             assert not dataset._connection._pending and not dataset._connection._arrived
             lengths += [len(episode["rewards"]) for episode in episodes]
-    assert lengths == [4000, ROWS - 4000]
+    assert lengths == [4000, EXAMPLE_ROWS - 4000]
