@@ -127,7 +127,8 @@ void SceneRenderer::Draw(const mjModel& model, mjData& data, std::span<std::byte
   mjvOption option;
   mjv_defaultOption(&option);
   mjv_updateScene(&model, &data, &option, nullptr, &camera, mjCAT_ALL, &scene_);
-  data.warning[mjWARN_VGEOMFULL].number = 0;  // of the simulation's, which gives up at a warning
+  // MuJoCo counts a shape without room among the warnings at which a simulation gives up.
+  data.warning[mjWARN_VGEOMFULL].number = 0;
   mjr_render(viewport_, &scene_, &context_);
   auto* bytes = reinterpret_cast<unsigned char*>(picture.data());
   mjr_readPixels(bytes, nullptr, viewport_, &context_);
