@@ -5,8 +5,6 @@
 #include <cmath>
 #include <cstring>
 
-#include "proto/base/finite.h"
-
 namespace b4mrl {
 
 Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> bytes) {
@@ -39,9 +37,8 @@ Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> byte
   }
   for (size_t i = 0; i < layout.doubles(); ++i) {
     const double number = field(double{}, sizeof(LaneHeader) + i * sizeof(double));
-    if (!FitsFloat32(number)) {
-      return InvalidNumber(fmt::format("number {} of a lane's snapshot", i), number,
-                           "finite as float32");
+    if (!std::isfinite(number)) {
+      return InvalidNumber(fmt::format("number {} of a lane's snapshot", i), number, "finite");
     }
   }
   return Status();

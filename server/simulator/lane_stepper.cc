@@ -94,7 +94,7 @@ Status LaneStepper::TryStart(Environment& environment, LaneRecord record) const 
   header.episode_return = 0;
   header.phase = LanePhase::kRunning;
   Observe(environment, record);
-  if (AllFitFloat32(record.observation()) && AllFitFloat32(record.infos())) return Status();
+  if (AllFitFloat32(record.observation()) && AllFinite(record.infos())) return Status();
   return Status(StatusCode::kInternal, "a start observation is not finite");
 }
 
@@ -192,8 +192,9 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
     Observe(environment, after);
   }
   const double new_return = header.episode_return + result.reward;
-  // Whatever the session's dtype is, so that no result depends on it.
-  if (simulated && AllFitFloat32(after.observation()) && AllFitFloat32(after.infos()) &&
+  // Observations as float32 whatever the session's dtype is, so that no result depends on it. Infos
+  // and rewards are always float64.
+  if (simulated && AllFitFloat32(after.observation()) && AllFinite(after.infos()) &&
       std::isfinite(new_return)) {
     environment.SaveState(after.state());
     header.reward = result.reward;
@@ -258,7 +259,7 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
   environment.SaveState(after.state());
   Observe(environment, after);
-  if (!AllFitFloat32(after.observation()) || !AllFitFloat32(after.infos())) {
+  if (!AllFitFloat32(after.observation()) || !AllFinite(after.infos())) {
     return Status(StatusCode::kInvalidArgument, "the state's observation is not finite");
   }
   AbsorbOutcome(after);
