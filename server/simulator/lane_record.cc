@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "proto/base/finite.h"
+
 namespace b4mrl {
 
 Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> bytes) {
@@ -37,8 +39,10 @@ Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> byte
   }
   for (size_t i = 0; i < layout.doubles(); ++i) {
     const double number = field(double{}, sizeof(LaneHeader) + i * sizeof(double));
-    if (!std::isfinite(number)) {
-      return InvalidNumber(fmt::format("number {} of a lane's snapshot", i), number, "finite");
+    const bool is_observed = i >= layout.observation_offset() && i < layout.info_offset();
+    if (is_observed ? !FitsFloat32(number) : !std::isfinite(number)) {
+      return InvalidNumber(fmt::format("number {} of a lane's snapshot", i), number,
+                           is_observed ? "finite as float32" : "finite");
     }
   }
   return Status();

@@ -56,6 +56,9 @@ struct LaneLayout {
     return state_size + perturbation_state_size + 2 * observation_size + 2 * info_size;
   }
   size_t bytes() const { return sizeof(LaneHeader) + doubles() * sizeof(double); }
+  // Doubles before the observation, behind which the final one stands, and before the infos.
+  size_t observation_offset() const { return state_size + perturbation_state_size; }
+  size_t info_offset() const { return observation_offset() + 2 * observation_size; }
   bool operator==(const LaneLayout&) const = default;
 };
 
@@ -76,23 +79,21 @@ class BasicLaneRecord {
   }
   // The observation that the client sees after the last operation.
   std::span<Like<double>> observation() const {
-    return Part(observation_offset(), layout_.observation_size);
+    return Part(layout_.observation_offset(), layout_.observation_size);
   }
   // The last observation of the episode that ended, if header().episode_ended.
   std::span<Like<double>> final_observation() const {
-    return Part(observation_offset() + layout_.observation_size, layout_.observation_size);
+    return Part(layout_.observation_offset() + layout_.observation_size, layout_.observation_size);
   }
   // infos: Environment::Infos after the last operation. final_infos: those at an episode's end.
-  std::span<Like<double>> infos() const { return Part(info_offset(), layout_.info_size); }
+  std::span<Like<double>> infos() const { return Part(layout_.info_offset(), layout_.info_size); }
   std::span<Like<double>> final_infos() const {
-    return Part(info_offset() + layout_.info_size, layout_.info_size);
+    return Part(layout_.info_offset() + layout_.info_size, layout_.info_size);
   }
   std::span<Byte> bytes() const { return {memory_, layout_.bytes()}; }
   const LaneLayout& layout() const { return layout_; }
 
  private:
-  size_t observation_offset() const { return layout_.state_size + layout_.perturbation_state_size; }
-  size_t info_offset() const { return observation_offset() + 2 * layout_.observation_size; }
   std::span<Like<double>> Part(size_t offset, size_t size) const {
     auto* doubles = reinterpret_cast<Like<double>*>(memory_ + sizeof(LaneHeader));
     return {doubles + offset, size};
@@ -104,7 +105,8 @@ class BasicLaneRecord {
 using LaneRecord = BasicLaneRecord<std::byte>;
 using ConstLaneRecord = BasicLaneRecord<const std::byte>;
 
-// OK if a client's bytes may become a lane: right length, known enumerators, every number finite.
+// OK if a client's bytes may become a lane: right length, known enumerators, every number finite,
+// those of observations also as float32.
 Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> bytes);
 
 }  // namespace b4mrl

@@ -136,9 +136,8 @@ TEST_CASE("A learner finds the benchmark of its user's own suite at the daemon t
   // The folder is named as users name it: as seen from where they are.
   const std::string relative = std::filesystem::relative(suites.path());
   const std::string learner = fmt::format(
-      "'{}' list benchmarks --endpoint $B4MRL_ENDPOINT > {}; test -f $B4MRL_SUITES/mine.toml && cd "
-      "/ "
-      "&& test -f $B4MRL_SUITES/mine.toml && echo '{{\"returns\": [1]}}' > "
+      "'{}' list benchmarks --endpoint $B4MRL_ENDPOINT > {}; test -f $B4MRL_SUITES/mine.toml "
+      "&& cd / && test -f $B4MRL_SUITES/mine.toml && echo '{{\"returns\": [1]}}' > "
       "\"$B4MRL_OUT/returns.json\"",
       B4MRL_BINARY_DIR "/b4mrl", seen);
   const Outcome outcome =

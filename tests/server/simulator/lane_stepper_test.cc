@@ -310,6 +310,11 @@ TEST_CASE("Snapshots that are no lanes are refused") {
   CHECK(refused([](LaneRecord r) { r.header().episode_return = std::nan(""); }));
   CHECK(refused([](LaneRecord r) { r.state()[3] = std::nan(""); }));
   CHECK(refused([](LaneRecord r) { r.observation()[0] = HUGE_VAL; }));
+  // What a session of float32 would send as infinite. Infos are float64.
+  CHECK(refused([](LaneRecord r) { r.observation()[0] = 3.5e38; }));
+  CHECK(refused([](LaneRecord r) { r.final_observation().back() = -3.5e38; }));
+  CHECK_FALSE(refused([](LaneRecord r) { r.observation()[0] = 3.4e38; }));
+  CHECK_FALSE(refused([](LaneRecord r) { r.infos()[0] = 3.5e38; }));
   const auto bytes = std::as_bytes(std::span(lane.memory()));
   CHECK_FALSE(CheckLaneRecord(layout, bytes.first(bytes.size() - 1)).ok());
   CHECK_FALSE(CheckLaneRecord(layout, bytes.first(0)).ok());

@@ -294,7 +294,7 @@ class Session:
         prepare: Callable[[], Any] | None = None,
     ) -> T:
         self._refuse_closed()
-        try:  # as _while_open, without its cost in each step
+        try:  # as _while_open, without a frame more, which the level of a step's warning counts
             return self._operations.call(kind, lanes, columns, self.deadline_ms, read, prepare)
         except errors.FailedPreconditionError:
             self._refuse_closed()
