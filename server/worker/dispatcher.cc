@@ -41,6 +41,12 @@ pb::Reply Closed() {
   return reply;
 }
 
+Status NoSuchSession() {
+  return Status(StatusCode::kSessionLost,
+                "no such session: it was closed, its lease ran out, or it was opened on another "
+                "worker");
+}
+
 bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 
 }  // namespace
@@ -114,11 +120,7 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
   if (found == sessions_.end() && IsToBeAdopted(request.session_token())) {
     return Status(StatusCode::kUnavailable, "the session is yet to be taken over; try again");
   }
-  if (found == sessions_.end() || found->second->closing || !found->second->live()) {
-    return Status(StatusCode::kSessionLost,
-                  "no such session: it was closed, its lease ran out, or it was opened "
-                  "on another worker");
-  }
+  if (found == sessions_.end() || !found->second->live()) return NoSuchSession();
   Session* session = found->second.get();
   session->record().last_activity_ms.store(MonotonicMs(), std::memory_order_relaxed);
 
@@ -133,6 +135,8 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
     }
     return OtherContents(request.request_id());
   }
+  // A Close waits for what is under way, so a copy of that has an answer all the same.
+  if (session->closing) return NoSuchSession();
   B4MRL_RETURN_IF_ERROR(Admit(*session, request, payload));
   std::unique_ptr<RequestJob> job = handler->make_job({session, &request, std::move(payload)});
   {

@@ -165,8 +165,9 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
   const std::string token(SessionToken(record));
   const auto found = sessions_.find(token);
   if (found != sessions_.end()) {
-    if (found->second->generation() == generation) return found->second.get();
-    if (!ForgetIfDisowned(found->second.get())) {
+    const bool is_this = found->second->generation() == generation;
+    if (is_this && !found->second->closing) return found->second.get();
+    if (is_this || !ForgetIfDisowned(found->second.get())) {
       return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
     }
   }

@@ -21,6 +21,28 @@ TEST_CASE("A request resent while it waits is executed once and answered to the 
   REQUIRE(worker.state().lane(0).committed() == 2);
 }
 
+TEST_CASE("A copy of what is under way is answered though a Close waits for it") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  const std::vector<Input> inputs = {Numbers({2}), Actions(1, 0.1f)};
+  pb::Request close;
+  close.mutable_close();
+  worker.Send(WorkerFixture::StepRequest(7), inputs, true, "old connection");
+  worker.Send(close, {});
+  worker.Send(WorkerFixture::StepRequest(7), inputs, true, "new connection");
+  REQUIRE(worker.answers.empty());
+  // An Open of the same contents gets no session that is about to end.
+  worker.Send(worker.AttachRequest(index), {});
+  worker.Work();
+  REQUIRE(worker.answers.size() == 3);
+  REQUIRE(worker.answers[0].code() == StatusCode::kBusy);
+  REQUIRE(worker.answers[1].receiver == "new connection");
+  REQUIRE(worker.answers[1].code() == StatusCode::kOk);
+  REQUIRE(worker.answers[2].code() == StatusCode::kOk);  // the Close
+}
+
 TEST_CASE("A request id under way with other contents is refused") {
   WorkerFixture worker;
   worker.Open(1);
