@@ -154,6 +154,11 @@ Status ModelBased::Load(CheckpointReader& reader) {
   B4MRL_RETURN_IF_ERROR(LoadTrainedEnsemble(ensemble_key_, EnsembleFilesOf(context_), ensemble_));
   const uint64_t kept = reader.Unsigned("generations");
   const uint64_t pending = reader.Unsigned("pending");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (kept > context_.hyperparameters.Unsigned("model-retain") || pending > 1) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("{} generations and {} pending ones are too many", kept, pending));
+  }
   for (uint64_t i = 0; i < kept + pending; ++i) {
     const uint64_t cycle = reader.Unsigned(fmt::format("generation{}/cycle", i));
     const std::vector<float> numbers = reader.Floats(fmt::format("generation{}/policy", i));

@@ -110,6 +110,9 @@ class DynamicsEnsemble {
 
   const DynamicsEnsembleOptions& options() const { return options_; }
   bool trained() const { return finished_ != 0; }
+  // Whether the counters are such as Train leaves behind with the rows of StartTraining, if there
+  // are any: a file's may not be.
+  bool CanGoOn() const;
   int output_size() const { return options_.observation_size + 1; }
   // Members of smallest hold-out error, best first; before any epoch the first `elites` members.
   std::vector<int> Elites() const;
@@ -142,6 +145,7 @@ class DynamicsEnsemble {
 
   // Training (dynamics_training.cc).
   Status ValidateData(const DynamicsData<Scalar>& data) const;
+  int64_t UpdatesPerEpoch() const;
   void SplitRows(int rows);
   void FitScaler(const DynamicsData<Scalar>& data);
   void ShuffleEpoch();

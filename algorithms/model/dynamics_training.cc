@@ -59,6 +59,12 @@ Status DynamicsEnsemble<Scalar>::StartTraining(const DynamicsData<Scalar>& data)
 }
 
 template <typename Scalar>
+int64_t DynamicsEnsemble<Scalar>::UpdatesPerEpoch() const {
+  const int64_t rows = static_cast<int64_t>(train_rows_.size());
+  return (rows + options_.batch_size - 1) / options_.batch_size;
+}
+
+template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SplitRows(int rows) {
   std::vector<int32_t> all(rows);
   std::iota(all.begin(), all.end(), 0);
@@ -180,10 +186,17 @@ double DynamicsEnsemble<Scalar>::UpdateMember(int m, MatrixView<const Scalar> in
 }
 
 template <typename Scalar>
+bool DynamicsEnsemble<Scalar>::CanGoOn() const {
+  if (epoch_ < 0 || updates_ < 0 || updates_in_epoch_ < 0) return false;
+  if (finished_ != 0) return finished_ == 1;
+  return train_rows_.empty() || updates_in_epoch_ < UpdatesPerEpoch();
+}
+
+template <typename Scalar>
 DynamicsProgress DynamicsEnsemble<Scalar>::Train(const DynamicsData<Scalar>& data,
                                                  int64_t max_updates) {
   const int64_t rows = static_cast<int64_t>(train_rows_.size());
-  const int64_t per_epoch = (rows + options_.batch_size - 1) / options_.batch_size;
+  const int64_t per_epoch = UpdatesPerEpoch();
   bool epoch_ended = false;
   for (int64_t i = 0; i < max_updates && finished_ == 0 && !epoch_ended; ++i) {
     ShuffleEpoch();
@@ -262,6 +275,7 @@ void DynamicsEnsemble<Scalar>::FinishTraining() {
 
 #define B4MRL_INSTANTIATE(Scalar)                                                                  \
   template Status DynamicsEnsemble<Scalar>::StartTraining(const DynamicsData<Scalar>&);            \
+  template bool DynamicsEnsemble<Scalar>::CanGoOn() const;                                         \
   template DynamicsProgress DynamicsEnsemble<Scalar>::Train(const DynamicsData<Scalar>&, int64_t); \
   template void DynamicsEnsemble<Scalar>::FinishTraining();                                        \
   template double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar>,                \

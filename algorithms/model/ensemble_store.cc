@@ -153,6 +153,9 @@ Result<EnsembleTraining> Load(const std::string& path, const char* name,
   if (state_hash != StateHash(loaded)) {
     return Status(StatusCode::kDataLoss, path + " is damaged: its hash is another one");
   }
+  if (!loaded.CanGoOn()) {
+    return Status(StatusCode::kDataLoss, path + " is damaged: its counters are out of range");
+  }
   ensemble = std::move(loaded);
   return training;
 }

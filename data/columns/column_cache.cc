@@ -148,7 +148,7 @@ Status ColumnCache::ReadManifest() {
 
 Status ColumnCache::MapColumn(const CachedColumn& column) {
   const std::string path = ColumnPath(folder_, column.name);
-  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
   if (!fd.valid() && errno == ENOENT) {
     return Damaged(folder_, fmt::format("column '{}' is missing", column.name));
   }

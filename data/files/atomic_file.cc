@@ -122,9 +122,15 @@ Status WriteSmallFile(const std::string& path, std::string_view text, std::optio
   return file.Commit();
 }
 
-Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes) {
-  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes, FileKinds kinds) {
+  const int no_waiting = kinds == FileKinds::kRegular ? O_NONBLOCK : 0;
+  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | no_waiting));
   if (!fd.valid()) return IoError("open", path, errno);
+  struct stat info {};
+  if (fstat(fd.get(), &info) != 0) return IoError("inspect", path, errno);
+  if (kinds == FileKinds::kRegular && !S_ISREG(info.st_mode)) {
+    return Status(StatusCode::kIoError, fmt::format("{} is not a regular file", path));
+  }
   // Room for most files at once; what is larger doubles it.
   std::string text(std::min<size_t>(max_bytes + 1, 64 << 10), '\0');
   size_t length = 0;

@@ -65,7 +65,10 @@ mode_t ModeInside(const std::string& folder);
 // Writes a whole file by an AtomicFile, so that it appears complete or not at all.
 Status WriteSmallFile(const std::string& path, std::string_view text,
                       std::optional<mode_t> mode = {});
-// Reads a whole file; kLimitExceeded if it is longer than `max_bytes`.
-Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);
+// A pipe, say, keeps whoever opens it waiting until somebody writes into it.
+enum class FileKinds { kRegular, kAny };
+// Reads a whole file; kLimitExceeded if it is longer than `max_bytes`, kIoError for another kind.
+Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes,
+                                  FileKinds kinds = FileKinds::kRegular);
 
 }  // namespace b4mrl

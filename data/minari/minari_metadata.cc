@@ -11,6 +11,7 @@
 #include "data/d4rl/agent_file.h"
 #include "data/minari/episode_lengths.h"
 #include "proto/base/limits.h"
+#include "proto/wire/json_depth.h"
 
 namespace b4mrl {
 namespace {
@@ -108,11 +109,9 @@ std::string WithoutInfinities(std::string_view text) {
   return out;
 }
 
-// Without what is nested deeper than anything that is read here, because dump() and copies recurse.
 Json Parse(std::string_view text) {
-  constexpr int kMaxDepth = 16;
-  const auto shallow = [](int depth, Json::parse_event_t, Json&) { return depth <= kMaxDepth; };
-  return Json::parse(WithoutInfinities(text), shallow, /*allow_exceptions=*/false);
+  constexpr int kMaxDepth = 64;  // nothing that is read here is nested as deep
+  return ParseShallow<Json>(WithoutInfinities(text), kMaxDepth);
 }
 
 Status Refuse(std::string_view entry, const Json& value, std::string_view allowed) {

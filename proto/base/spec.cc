@@ -16,21 +16,29 @@ std::string_view Trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(' ') + 1 - first);
 }
 
+// Every name that a list of dimensions may have, features first.
+std::vector<std::string> NamesAndFeatures(const std::vector<DimensionSpec>& dimensions) {
+  std::set<std::string> features;
+  for (const DimensionSpec& dimension : dimensions) {
+    if (!dimension.feature.empty()) features.insert(dimension.feature);
+  }
+  std::vector<std::string> names(features.begin(), features.end());
+  for (const DimensionSpec& dimension : dimensions) names.push_back(dimension.name);
+  return names;
+}
+
 }  // namespace
 
 Result<uint32_t> SpaceSpec::FindDimension(std::string_view index_or_name) const {
-  std::vector<std::string> names;
-  std::set<std::string> features;
   for (size_t i = 0; i < dimensions.size(); ++i) {
     if (dimensions[i].name == index_or_name) return static_cast<uint32_t>(i);
-    names.push_back(dimensions[i].name);
-    if (!dimensions[i].feature.empty()) features.insert(dimensions[i].feature);
   }
-  names.insert(names.begin(), features.begin(), features.end());
   const bool is_number =
       !index_or_name.empty() && std::all_of(index_or_name.begin(), index_or_name.end(),
                                             [](char c) { return c >= '0' && c <= '9'; });
-  if (!is_number || dimensions.empty()) return UnknownName("dimension", index_or_name, names);
+  if (!is_number || dimensions.empty()) {
+    return UnknownName("dimension", index_or_name, NamesAndFeatures(dimensions));
+  }
   B4MRL_ASSIGN_OR_RETURN(const uint64_t index,
                          ParseUnsigned("dimension", index_or_name, 0, dimensions.size() - 1));
   return static_cast<uint32_t>(index);
@@ -49,10 +57,16 @@ Result<std::vector<uint32_t>> SpaceSpec::FindDimensions(
 
 Result<std::vector<uint32_t>> SpaceSpec::ParseDimensions(std::string_view list) const {
   std::set<uint32_t> parsed;
+  // Each entry is looked for among all dimensions, and a peer's list may repeat one thousands of
+  // times.
+  std::set<std::string_view> looked_for;
   while (true) {
     const size_t end = std::min(list.find('+'), list.size());
-    B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> named, FindDimensions(list.substr(0, end)));
-    parsed.insert(named.begin(), named.end());
+    const std::string_view entry = list.substr(0, end);
+    if (looked_for.insert(entry).second) {
+      B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> named, FindDimensions(entry));
+      parsed.insert(named.begin(), named.end());
+    }
     if (end == list.size()) return std::vector<uint32_t>(parsed.begin(), parsed.end());
     list.remove_prefix(end + 1);
   }

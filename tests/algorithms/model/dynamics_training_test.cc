@@ -162,6 +162,27 @@ TEST_CASE("training resumed between any two minibatches goes on bit for bit") {
   CHECK(SaveState<float>(resumed) == SaveState<float>(straight));
 }
 
+TEST_CASE("counters from which no training can go on are told from those that it leaves") {
+  const LinearSystem system(500);
+  DynamicsEnsemble<float> ensemble = Make(Small(), system);
+  ensemble.Train(system.Views(), 3);
+  const CoreState<float> state = SaveState<float>(ensemble);
+  CHECK(ensemble.CanGoOn());
+  const auto can_with = [&](const std::string& counter, int64_t value) {
+    CoreState<float> changed = state;
+    changed.counters.at(counter) = value;
+    LoadState(changed, ensemble);
+    return ensemble.CanGoOn();
+  };
+  CHECK(can_with("updates_in_epoch", 7));  // 450 training rows in batches of 64 are 8
+  CHECK_FALSE(can_with("updates_in_epoch", 8));
+  CHECK_FALSE(can_with("updates_in_epoch", -1));
+  CHECK_FALSE(can_with("updates", -1));
+  CHECK_FALSE(can_with("epoch", -1));
+  CHECK(can_with("finished", 1));
+  CHECK_FALSE(can_with("finished", 2));
+}
+
 TEST_CASE("training ends after the patience runs out, with the best weights") {
   const LinearSystem system(300);
   DynamicsEnsembleOptions options = Small();

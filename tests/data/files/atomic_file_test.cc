@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -13,6 +14,16 @@
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
+
+TEST_CASE("What is read as a small file is a regular one, unless others may be") {
+  const TemporaryFolder folder;
+  const std::string pipe = folder.File("pipe");
+  REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
+  CHECK(ReadSmallFile(pipe, 100).status().code() == StatusCode::kIoError);  // and does not wait
+  CHECK(ReadSmallFile(folder.path(), 100).status().code() == StatusCode::kIoError);
+  CHECK(ReadSmallFile("/dev/null", 100).status().code() == StatusCode::kIoError);
+  CHECK(ReadSmallFile("/dev/null", 100, FileKinds::kAny).value().empty());
+}
 
 TEST_CASE("A file in its place is not locked, even while a forked child has it open") {
   const TemporaryFolder folder;

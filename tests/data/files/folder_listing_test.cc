@@ -34,10 +34,12 @@ TEST_CASE("Files behind a link to a folder are found, and a link that leads back
   fs::create_directory_symlink(elsewhere.path(), scratch.File("runs"));
   fs::create_symlink(scratch.File("nothing"), scratch.File("broken.h5"));
   CHECK(Take(FilesBelow(scratch.path(), ".h5")) == Paths{scratch.File("runs/agent.h5")});
-  fs::create_directory_symlink(scratch.path(), scratch.File("back"));
+  // Were each way listed, those through ten links to where they are would be ten to the eighth.
+  for (int i = 0; i < 10; ++i) {
+    fs::create_directory_symlink(scratch.path(), scratch.File("back" + std::to_string(i)));
+  }
   const Paths found = Take(FilesBelow(scratch.path(), ".h5"));
-  CHECK(found.size() > 1);
-  CHECK(found.size() < 20);
+  CHECK(found == Paths{scratch.File("runs/agent.h5")});
 }
 
 }  // namespace

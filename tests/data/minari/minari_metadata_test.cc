@@ -134,7 +134,7 @@ TEST_CASE("the last episode is unfinished only while it is the one that was writ
   CHECK(is_unfinished(own));
 }
 
-TEST_CASE("entries that are nested a million times are left out") {
+TEST_CASE("entries that are nested a million times are refused") {
   const std::string nested = std::string(1'000'000, '[') + std::string(1'000'000, ']');
   std::string text = With("data_format", "NESTED");
   text.replace(text.find("\"NESTED\""), 8, nested);

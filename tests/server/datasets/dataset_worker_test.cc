@@ -378,6 +378,14 @@ TEST_CASE("bad requests are answered with typed errors") {
   CHECK(daemon.Receive(raw).code() == StatusCode::kInvalidArgument);
 }
 
+TEST_CASE("a request that takes more memory than bytes may not wait") {
+  const TemporaryFolder folder;
+  pb::Request open;
+  for (int i = 0; i < 2'000; ++i) open.mutable_open_dataset()->add_corruptions();
+  const auto answer = Daemon(folder.path()).Ask(open);
+  CHECK_THAT(answer.reply.status().message(), Catch::Contains("at most 32768"));
+}
+
 TEST_CASE("a missing data folder is named") {
   const TemporaryFolder folder;
   Daemon daemon(folder.File("none"));
