@@ -6,32 +6,58 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from b4mrl import descriptions
+from b4mrl.errors import InternalError
 from b4mrl.wire.messages import Request
+
+_MOST_BYTES = 16 << 20  # of all pages of one list
 
 
 def read(ask: Callable[[Any], Any], *, with_benchmarks: bool = False) -> Any:
-    """All pages as one CatalogueReply; `ask` sends a request to the gateway, returns its reply."""
+    """All pages as one CatalogueReply; `ask` sends a request to the gateway, returns its reply.
+
+    InternalError: the pages have more than 16 MiB.
+    """
+    size = _Size()
     catalogue = _page(ask, 0, with_benchmarks)
+    size.add(catalogue)
     while (known := _entries(catalogue)) < catalogue.total:
         page = _page(ask, known, with_benchmarks)
         if _entries(page) == 0:
             break
+        size.add(page)
         catalogue.MergeFrom(page)
     return catalogue
 
 
 def read_datasets(ask: Callable[[Any], Any]) -> Iterator[descriptions.DatasetInfo]:
-    """All datasets; `ask` sends a request to the dataset worker and returns its reply."""
+    """All datasets; `ask` sends a request to the dataset worker and returns its reply.
+
+    InternalError: the pages have more than 16 MiB.
+    """
+    size = _Size()
     known = 0
     while True:
         request = Request()
         request.list_datasets.first = known
         request.list_datasets.SetInParent()
         page = ask(request).list_datasets
+        size.add(page)
         yield from map(descriptions.read, page.datasets)
         known += len(page.datasets)
         if not page.datasets or known >= page.total:
             return
+
+
+class _Size:
+    """Bounds the bytes of a list's pages, whatever number of entries the server claims."""
+
+    def __init__(self) -> None:
+        self._bytes = 0
+
+    def add(self, page: Any) -> None:
+        self._bytes += page.ByteSize()
+        if self._bytes > _MOST_BYTES:
+            raise InternalError(f"the server's list has more than {_MOST_BYTES} bytes")
 
 
 def _page(ask: Callable[[Any], Any], first: int, with_benchmarks: bool) -> Any:

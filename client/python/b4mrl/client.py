@@ -145,7 +145,8 @@ class Client(Shown):
             environment: a name from `environments()`, such as "HalfCheetah".
             simulator: perturbations in the order in which they apply: "gravity=1.5,action-delay=2",
                 or {"gravity": 1.5, "action-delay": 2}, or ["gravity=1.5", "action-delay=2"].
-                "gravity=0.5..2" draws the factor anew for each episode, and info["gravity"] has it.
+                `hidden` comes last, wherever it stands. "gravity=0.5..2" draws the factor anew for
+                each episode, and info["gravity"] has it.
                 None: the true environment.
             seed: the environment's seed until `reset(seed=...)` sets another one. None: the daemon
                 draws one.

@@ -292,7 +292,7 @@ def read(message: Any) -> Any:
     """The description in a message of b4mrl.proto. InternalError: the message makes no sense."""
     try:
         return _read(message)
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, RecursionError) as error:  # of json, for text nested too deeply
         raise InternalError(f"unreadable reply: {message.DESCRIPTOR.name}: {error}") from error
 
 

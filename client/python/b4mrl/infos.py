@@ -17,16 +17,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from b4mrl.errors import InternalError
 from b4mrl.wire.messages import CAUSES
 
 Mask = NDArray[np.bool_]
 
 CAUSE_NAMES = {value.number: value.name.lower() for value in CAUSES.values}
 _FLAGS = frozenset({"crashed"})  # keys that are bools in the original tasks
+_MOST_NESTED = 8  # dictionaries inside each other
 _ENTRY = re.compile(r"(.*)\[\d+\]")
 
 # Key -> number of its column, numbers of an array's columns, or items of a dictionary.
 _Items = dict[str, "int | list[int] | _Items"]
+
+
+def check_info_names(names: Iterable[str]) -> None:
+    """InternalError: a server's names of columns make no dictionary."""
+    kinds: dict[str, str] = {}
+    for name in names:
+        *folders, key = name.split(".")
+        if len(folders) > _MOST_NESTED:
+            raise InternalError(
+                f"the server names an info {name[:80]!r}, which is nested too deeply"
+            )
+        places = [(".".join(folders[: i + 1]), "dictionary") for i in range(len(folders))]
+        entry = _ENTRY.fullmatch(key)
+        places.append(
+            (".".join([*folders, entry[1] if entry else key]), "array" if entry else "number")
+        )
+        for place, kind in places:
+            if kinds.setdefault(place, kind) != kind:
+                raise InternalError(f"the server names an info {name[:80]!r} beside another kind")
+    for place in kinds:
+        *folders, key = place.split(".")
+        if ".".join([*folders, "_" + key]) in kinds:
+            raise InternalError(f"the server names an info {place[:80]!r} and its mask's")
 
 
 class InfoLayout:

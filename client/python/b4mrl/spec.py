@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from b4mrl.config import MOST_STEPS
 from b4mrl.display import Shown, table
 from b4mrl.errors import InternalError
+from b4mrl.infos import check_info_names
 from b4mrl.values import Value
 from b4mrl.wire import checks, limits
 
@@ -136,7 +138,10 @@ class EnvironmentSpec(Shown):
 
 
 def spec_of(info: Any) -> EnvironmentSpec:
-    """Reads an EnvironmentInfo of the wire. InternalError: its sizes are not sane."""
+    """Reads an EnvironmentInfo of the wire. InternalError: its sizes or names are not sane."""
+    if not 0 < info.step_seconds < math.inf:
+        raise InternalError(f"the server describes steps of {info.step_seconds} seconds")
+    check_info_names(info.info_names)
     return EnvironmentSpec(
         name=info.name,
         observation=_space_of(info.observation, limits.MAX_OBSERVATION_DIMENSIONS),

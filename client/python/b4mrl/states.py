@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from b4mrl.errors import InvalidArgumentError
+from b4mrl.errors import InternalError, InvalidArgumentError
 from b4mrl.wire import checks
 from b4mrl.wire.arrays import Array
 
@@ -62,7 +62,8 @@ class Restoration:
 def read_states(found: Mapping[str, Array], ended: Sequence[bool]) -> list[State]:
     """One state for each lane, from the arrays of a Snapshot reply; their first axis is the lanes.
 
-    `ended` says for each lane whether its episode has ended.
+    `ended` says for each lane whether its episode has ended. InternalError: a part has a size that
+    it cannot have.
     """
     states = []
     for lane, is_ended in enumerate(ended):
@@ -128,11 +129,14 @@ def _fingerprint(name: str, values: Array) -> bytes:
 
 
 def _readable(name: str, values: Array) -> Any:
+    columns = len(VEHICLE_COLUMNS)
+    if (name == "time" and values.size != 1) or (name == "vehicles" and values.size % columns):
+        raise InternalError(f"the server sent {values.size} numbers as the {name} of a lane")
     if name == "time":
         return float(values[0])
     if name != "vehicles":
         return values
-    rows = values.reshape(-1, len(VEHICLE_COLUMNS))
+    rows = values.reshape(-1, columns)
     return [
         {column: _WHOLE_NUMBERS.get(column, float)(x) for column, x in zip(VEHICLE_COLUMNS, row)}
         for row in rows

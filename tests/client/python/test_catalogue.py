@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import b4mrl
-from b4mrl import catalogue
+import pytest
+from b4mrl import catalogue, errors
 from b4mrl.wire.messages import Reply
 
 
@@ -52,3 +53,25 @@ def test_benchmarks_say_what_they_are_made_of(client: b4mrl.Client) -> None:
     control = found["HalfCheetah/controls/no-penalty+medium"]
     assert control.hyperparameters == {"penalty": 0}
     assert control.algorithms == ("mopo",)
+
+
+def test_a_list_without_end_is_given_up() -> None:
+    pages = 0
+
+    def ask(request: Any) -> Any:
+        nonlocal pages
+        pages += 1
+        reply = Reply()
+        if request.HasField("catalogue"):
+            reply.catalogue.environments.add(name="x" * 60_000)
+            reply.catalogue.total = 2**32 - 1
+        else:
+            reply.list_datasets.datasets.add(name="x" * 60_000)
+            reply.list_datasets.total = 2**32 - 1
+        return reply
+
+    with pytest.raises(errors.InternalError, match="more than"):
+        catalogue.read(ask)
+    with pytest.raises(errors.InternalError, match="more than"):
+        list(catalogue.read_datasets(ask))
+    assert pages < 600  # of 60,000 bytes each, until 16 MiB

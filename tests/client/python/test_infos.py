@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from b4mrl import errors, infos
 from gymnasium.vector import VectorEnv
 
-from b4mrl import infos
 from equality import assert_same
 
 NAMES = ["x", "tendon[0]", "tendon[1]", "rewards.speed", "rewards.parts[0]", "rewards.parts[1]"]
@@ -75,3 +76,25 @@ def test_a_row_of_a_batch_is_the_single_dictionary() -> None:
     for i in range(2):
         assert_same(infos.row_of(batch, i), layout.single(rows[i].tolist(), is_reset[i]))
     assert_same(infos.row_of(batch, 2), layout.single(rows[2].tolist(), False) | {"cause": "limit"})
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["x", "_x"],
+        ["a.x", "a._x.b"],
+        ["a", "a.b"],
+        ["a.b", "a"],
+        ["a", "a[0]"],
+        ["a[0]", "a.b"],
+        ["." * 9],
+    ],
+)
+def test_names_that_make_no_dictionary_are_refused(names: list[str]) -> None:
+    with pytest.raises(errors.InternalError, match="the server names an info"):
+        infos.check_info_names(names)
+
+
+def test_names_that_make_one_are_not() -> None:
+    infos.check_info_names(NAMES)
+    infos.check_info_names(["", "a.b.c", "a.b.d[0]", "a.e"])

@@ -227,3 +227,13 @@ def test_lists_of_unequal_lengths_are_no_numbers_of_environments(client: b4mrl.C
                 call(RAGGED)
         with pytest.raises(errors.InvalidArgumentError, match="reset_mask.*one True"):
             vec.reset(options={"reset_mask": RAGGED})
+
+
+@pytest.mark.parametrize("part", ["time", "vehicles"])
+def test_a_part_of_a_size_that_it_cannot_have_is_the_servers_fault(part: str) -> None:
+    found = {
+        "snapshot": np.zeros((1, 4), np.uint8),
+        part: np.zeros((1, 0 if part == "time" else 4)),
+    }
+    with pytest.raises(errors.InternalError, match=part):
+        states.read_states(found, [False])

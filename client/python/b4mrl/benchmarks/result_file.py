@@ -362,7 +362,12 @@ def write(folder: Path, info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path
     path = _path_of(folder, info, entries["algorithm"], entries["seed"], entries["id"])
     unfinished = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
-        unfinished.write_text(_text_of(entries), encoding="utf-8")
+        with unfinished.open("w", encoding="utf-8") as file:
+            file.write(_text_of(entries))
+            file.flush()
+            os.fsync(
+                file.fileno()
+            )  # else a machine that fails may leave an empty file of that name
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)

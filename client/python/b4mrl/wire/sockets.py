@@ -93,7 +93,11 @@ class SocketLink:
             self._half_received = True
             envelope = socket.recv(copy=False)
             payload = socket.recv(copy=False) if envelope.more else None
-            if payload is None:
+            if len(envelope.buffer) > limits.MAX_ENVELOPE_BYTES:  # parsed, it may take much more
+                if payload is not None and payload.more:
+                    self._skip_frames()
+                message = NOISE
+            elif payload is None:
                 message = envelope.bytes, bytearray()
             elif not payload.more:
                 message = envelope.bytes, bytearray(payload.buffer)

@@ -254,6 +254,20 @@ def test_noise_is_not_taken_for_an_answer(start, connect) -> None:
     assert len(server.requests) == 1  # the noise did not make it ask again
 
 
+def test_an_envelope_beyond_the_limit_is_noise_too(connect) -> None:
+    def endless(request: Request) -> Reply:
+        reply = refusal(request, 4)
+        reply.status.message = "x" * 65_536
+        return reply
+
+    server = SocketServer(lambda request, count: [endless(request), done(request)])
+    try:
+        delivery = connect(server).call(hello(), bytearray(), 60_000)
+        assert (delivery.error, delivery.executed) == (None, True)
+    finally:
+        server.stop()
+
+
 def test_requests_in_flight_are_bounded(start, connect) -> None:
     connection = connect(start(lambda request, count: []))
     for _ in range(64):
