@@ -2,6 +2,9 @@
 // several jobs (job.h) under way. Thread rule: one thread.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <iterator>
 #include <list>
@@ -9,11 +12,32 @@
 #include <utility>
 
 #include "benchmarks/jobs/job.h"
+#include "proto/base/clock.h"
 
 namespace b4mrl {
 
 // Waits between two looks at the jobs.
 inline constexpr int kJobPollMs = 200;
+
+// When those that wait for another process are tried again: soon after something has changed here,
+// else after twice the time as before, up to five seconds. Each try asks a file system that a
+// cluster's tasks share.
+class Patience {
+ public:
+  bool IsOver(size_t active, size_t waiting) {
+    const bool has_changed = std::exchange(seen_, {active, waiting}) != std::pair(active, waiting);
+    if (!has_changed && !next_.expired()) return false;
+    wait_ms_ = has_changed ? kJobPollMs : std::min(2 * wait_ms_, kLongestMs);
+    next_ = Deadline::AfterMs(wait_ms_);
+    return true;
+  }
+
+ private:
+  static constexpr int64_t kLongestMs = 5'000;
+  std::pair<size_t, size_t> seen_;
+  int64_t wait_ms_ = kJobPollMs;
+  Deadline next_ = Deadline::AfterMs(0);
+};
 
 // Calls begin(task) -> bool for the tasks in turn while has_room(). Those for which it is
 // false have to wait longer and keep their places; the others leave the queue.

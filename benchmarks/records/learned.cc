@@ -27,6 +27,7 @@ std::string LearnedPath(const std::string& folder) { return folder + "/learned.j
 std::string AgentPath(const std::string& folder) { return folder + "/agent.h5"; }
 std::string ReturnsPath(const std::string& folder) { return folder + "/returns.json"; }
 std::string CurvePath(const std::string& folder) { return folder + "/curve.json"; }
+std::string AttemptsPath(const std::string& folder) { return folder + "/attempts.json"; }
 
 bool Exists(const std::string& path) {
   std::error_code error;
@@ -115,6 +116,22 @@ Status CheckAgent(const Agent& agent, const EnvironmentSpec& environment, const 
                         meant_for, agent.observation_dimensions, agent.action_dimensions));
 }
 
+// What a learner's start has used, with what earlier ones have that brought no result.
+Json WithAttempts(const PlannedRun& run, const std::string& folder, const LearnersUse& use) {
+  double seconds = use.seconds;
+  Json ledger = use.ledger;
+  const auto earlier = ReadJsonObject(AttemptsPath(folder), kMaxOwnFileBytes);
+  if (earlier.ok() && TextOf(*earlier, "learner_sha256") == LearnerHash(run)) {
+    seconds += NumberOf(*earlier, "seconds").value_or(0);
+    const Json& used = EntryOf(*earlier, "ledger");
+    if (!used.is_object()) ledger = Json();  // a start that nobody could count
+    for (const auto& [name, count] : ledger.items()) {
+      ledger[name] = CountOf(ledger, name).value_or(0) + CountOf(used, name).value_or(0);
+    }
+  }
+  return {{"learner_sha256", LearnerHash(run)}, {"seconds", seconds}, {"ledger", ledger}};
+}
+
 }  // namespace
 
 bool HasAgent(const std::string& folder) { return Exists(AgentPath(folder)); }
@@ -136,14 +153,11 @@ void RemoveLearned(const std::string& folder) {
   }
 }
 
-Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
-                                const Json& ledger, const EnvironmentSpec& environment) {
-  Json learned = {{"learner_sha256", LearnerHash(run)},
-                  {"planned_updates", run.updates},
-                  {"updates", run.updates},
-                  {"seconds", seconds},
-                  {"ledger", ledger},
-                  {"processor", ProcessorName()}};
+Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder,
+                                const LearnersUse& use, const EnvironmentSpec& environment) {
+  Json learned = WithAttempts(run, folder, use);
+  learned.update(
+      {{"planned_updates", run.updates}, {"updates", run.updates}, {"processor", ProcessorName()}});
   if (HasAgent(folder)) {
     B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(AgentPath(folder)));
     B4MRL_RETURN_IF_ERROR(CheckAgent(agent, environment, AgentPath(folder)));
@@ -158,7 +172,13 @@ Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder
   Status curve;
   if (Exists(CurvePath(folder))) curve = AddOwnCurve(CurvePath(folder), environment, &learned);
   B4MRL_RETURN_IF_ERROR(WriteSmallFile(LearnedPath(folder), learned.dump() + "\n"));
+  std::error_code ignored;
+  std::filesystem::remove(AttemptsPath(folder), ignored);
   return curve.ok() ? std::string() : std::string(curve.message());
+}
+
+Status KeepAttempt(const PlannedRun& run, const std::string& folder, const LearnersUse& use) {
+  return WriteSmallFile(AttemptsPath(folder), WithAttempts(run, folder, use).dump() + "\n");
 }
 
 Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {

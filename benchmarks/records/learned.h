@@ -14,13 +14,22 @@
 
 namespace b4mrl {
 
-// Keeps what a learner that ended with code 0 has left, the seconds that it took, and what it used
-// (the entry "ledger" of a result). Returns why its curve was left out, which is only to be looked
+// What a learner's start has used.
+struct LearnersUse {
+  double seconds = 0;
+  nlohmann::ordered_json ledger;  // the entry "ledger" of a result; null: nobody could count it
+};
+
+// Keeps what a learner that ended with code 0 has left, and what it used, with what KeepAttempt has
+// kept. Returns why its curve was left out, which is only to be looked
 // at and not worth the training; "" where it was not. kFailedPrecondition if the learner has left
 // nothing, kDataLoss if that cannot be understood or is an agent of another environment.
-Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
-                                const nlohmann::ordered_json& ledger,
-                                const EnvironmentSpec& environment);
+Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder,
+                                const LearnersUse& use, const EnvironmentSpec& environment);
+// Adds up what starts of the learner's command have used that brought no result, because they were
+// cut off or failed: the next one may go on from what they have left. A start whose runner was
+// killed with it is lost.
+Status KeepAttempt(const PlannedRun& run, const std::string& folder, const LearnersUse& use);
 // Whether KeepLearned has succeeded there for the run's command and for as many updates as it is
 // to do, and the agent that it kept, if any, is still there; whether the learner has left an agent.
 bool HasLearned(const PlannedRun& run, const std::string& folder);

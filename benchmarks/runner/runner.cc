@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
 
@@ -15,6 +14,7 @@
 #include "benchmarks/jobs/job_queue.h"
 #include "benchmarks/jobs/training_order.h"
 #include "benchmarks/records/learned.h"
+#include "benchmarks/runner/learners_use.h"
 #include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/run_folder.h"
 #include "client/interrupt.h"
@@ -48,11 +48,13 @@ Result<RunnerSummary> Runner::Work() {
     B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   }
   LookAtResults();
-  while (true) {
+  for (Patience patience; true;) {
     Collect();
     if (Stops() || (active_.empty() && waiting_.empty())) break;
+    const bool tries = patience.IsOver(active_.size(), waiting_.size());
     // Those that can end within the hours come first.
     for (const bool takes_all : {false, true}) {
+      if (!tries || (takes_all && options_.hours <= 0)) break;
       BeginWaiting(
           waiting_, [this] { return active_.size() < options_.jobs && !Stops(); },
           [&](size_t number) {
@@ -264,7 +266,12 @@ void Runner::Finish(Active& active, int exit_code) {
   task.worked_on = true;
   // A learner of the user's that was told to stop has not trained to its end, whatever it returns.
   const bool was_cut = task.run->is_users() && !active.scoring && active.job.was_stopped();
-  const Status kept = exit_code == 0 && !was_cut ? KeepWork(active) : Status();
+  const bool has_ended = exit_code == 0 && !was_cut;
+  const Status kept = has_ended ? KeepWork(active) : Status();
+  // A user's learner may go on from what it has, or from nothing.
+  if (active.ledger != 0 && (!has_ended || !kept.ok())) {
+    (void)KeepAttempt(*task.run, task.folder, UseOf(client_, active.ledger, active.start));
+  }
   const Status written = kept.ok() ? WriteResult(task) : kept;
   if (!task.refused.empty()) return Fail(task, task.refused);
   if (exit_code == 0 && written.ok() && HasBrought(active)) {
@@ -321,17 +328,11 @@ bool Runner::HasBrought(const Active& active) const {
 
 Status Runner::KeepUsersWork(Active& active) {
   const Task& task = tasks_[*active.task];
-  nlohmann::ordered_json used;
-  if (const auto counts = client_.ReadLedger(active.ledger); counts.ok()) {
-    used = {{"simulator_steps", counts->steps},
-            {"query_rows", counts->query_rows},
-            {"dataset_rows", counts->dataset_rows}};
-  }
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec,
                          client_.FindEnvironment(task.run->environment));
   B4MRL_ASSIGN_OR_RETURN(
       const std::string left_out,
-      KeepLearned(*task.run, task.folder, SecondsSince(active.start), used, spec));
+      KeepLearned(*task.run, task.folder, UseOf(client_, active.ledger, active.start), spec));
   if (!left_out.empty()) Say(fmt::format("{} has no curve: {}", task.run->name, left_out));
   return Status();
 }

@@ -6,9 +6,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
 #include <cstring>
 #include <filesystem>
+#include <limits>
+#include <map>
 #include <optional>
 #include <string_view>
 #include <system_error>
@@ -27,6 +30,8 @@ namespace fs = std::filesystem;
 // at time limits every 30 s.
 constexpr int kSecondsToSave = 120;
 constexpr int64_t kSlurmDeadlineMs = 120'000;  // for answers of a busy controller
+constexpr std::string_view kDigits = "0123456789";
+constexpr std::string_view kMostTasks = "max_array_tasks=";  // among the scheduler's parameters
 
 // {0}: lines of #SBATCH, {1}: folder in which the command was given, {2}: the task's command, {3}:
 // the run's number.
@@ -61,13 +66,14 @@ exit $code
 
 // What the script and the look at the queue rest on may not be replaced.
 Status CheckOption(const std::string& option) {
-  for (const std::string_view own : {"--job-name", "--array", "--signal", "--requeue",
-                                     "--no-requeue", "--open-mode", "--wrap", "--parsable"}) {
+  for (const std::string_view own :
+       {"--job-name", "--array", "--signal", "--requeue", "--no-requeue", "--open-mode", "--wrap",
+        "--parsable", "--clusters"}) {
     if (option == own || option.starts_with(std::string(own) + "=")) {
       return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
     }
   }
-  for (const std::string_view own : {"-J", "-a"}) {
+  for (const std::string_view own : {"-J", "-a", "-M"}) {
     if (option.starts_with(own)) {
       return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
     }
@@ -83,14 +89,56 @@ Result<std::string> WholePath(const std::string& folder) {
   return whole.string();
 }
 
-// What a program of Slurm prints. Its messages go to our stderr.
-Result<std::string> OutputOf(const std::vector<std::string>& words) {
+// The variable of sbatch that has precedence over an option in a script: SBATCH_PARTITION for
+// "--partition=long".
+std::string VariableOf(std::string_view option) {
+  option = option.substr(0, option.find_first_of("= "));
+  static const std::map<std::string_view, std::string_view> kShort = {
+      {"-A", "ACCOUNT"}, {"-C", "CONSTRAINT"}, {"-G", "GPUS"},      {"-e", "ERROR"},
+      {"-o", "OUTPUT"},  {"-p", "PARTITION"},  {"-t", "TIMELIMIT"}, {"-q", "QOS"}};
+  std::string name = "SBATCH_";
+  // A short option may have its value behind it, "-plong".
+  if (const auto found = kShort.find(option.substr(0, 2)); found != kShort.end()) {
+    return name.append(found->second);
+  }
+  for (const char c : option.substr(std::min(option.find_first_not_of('-'), option.size()))) {
+    name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  }
+  return name;
+}
+
+// Those of this process's variables that would replace what a script says, or hide tasks of the
+// queue.
+std::vector<std::string> VariablesInTheWay(const std::vector<std::string>& sbatch_options) {
+  std::set<std::string> names = {"SBATCH_JOB_NAME",    "SBATCH_ARRAY_INX",   "SBATCH_TIMELIMIT",
+                                 "SBATCH_NO_REQUEUE",  "SBATCH_REQUEUE",     "SBATCH_SIGNAL",
+                                 "SBATCH_OPEN_MODE",   "SBATCH_CLUSTERS",    "SBATCH_WAIT",
+                                 "SBATCH_OUTPUT",      "SBATCH_MEM_PER_CPU", "SBATCH_MEM_PER_GPU",
+                                 "SBATCH_MEM_PER_NODE"};
+  for (const std::string& option : sbatch_options) names.insert(VariableOf(option));
+  std::vector<std::string> found;
+  for (const std::string& variable : EnvironmentWith({})) {
+    std::string name = variable.substr(0, variable.find('='));
+    if (name.starts_with("SQUEUE_") || names.contains(name)) found.push_back(std::move(name));
+  }
+  return found;
+}
+
+// What a program of Slurm prints, started without these variables. Its messages go to our stderr.
+Result<std::string> OutputOf(std::vector<std::string> words,
+                             const std::vector<std::string>& without = {}) {
+  const std::string program_name = words.front();
+  if (!without.empty()) {
+    std::vector<std::string> unset = {"env"};
+    for (const std::string& name : without) unset.insert(unset.end(), {"-u", name});
+    words.insert(words.begin(), unset.begin(), unset.end());
+  }
   ProgramWithOutput program;
   const int error = StartWithOutput(words.front(), words, &program);
   if (error != 0) {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("cannot start Slurm's {}: {}; submit from a machine of the cluster",
-                              words.front(), std::strerror(error)));
+                              program_name, std::strerror(error)));
   }
   const Deadline deadline = Deadline::AfterMs(kSlurmDeadlineMs);
   std::string output;
@@ -101,7 +149,7 @@ Result<std::string> OutputOf(const std::vector<std::string>& words) {
     output.append(bytes.data(), static_cast<size_t>(count));
   }
   if (WaitForExit(program.process_id, deadline) == 0) return output;
-  return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", words.front()));
+  return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", program_name));
 }
 
 // "" for the first block, "+1001" for the one that begins with run 1001.
@@ -125,12 +173,18 @@ Result<std::string> SlurmJobName(const std::string& folder, uint64_t first_run) 
 
 Result<uint64_t> MaxArraySize() {
   B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"scontrol", "show", "config"}));
+  std::optional<uint64_t> size;
+  uint64_t most_tasks = std::numeric_limits<uint64_t>::max();
   for (const std::string_view line : LinesOf(output)) {
-    if (!line.starts_with("MaxArraySize")) continue;
-    const size_t value = line.find_first_of("0123456789");
-    const auto size = LeadingNumber(line.substr(std::min(value, line.size())));
-    if (size && *size > 0) return *size;
+    if (line.starts_with("MaxArraySize")) {
+      size = LeadingNumber(line.substr(std::min(line.find_first_of(kDigits), line.size())));
+    }
+    const size_t tasks =
+        line.starts_with("SchedulerParameters") ? line.find(kMostTasks) : line.npos;
+    if (tasks == line.npos) continue;
+    most_tasks = LeadingNumber(line.substr(tasks + kMostTasks.size())).value_or(most_tasks);
   }
+  if (size && *size > 0) return std::max<uint64_t>(std::min(*size, most_tasks), 1);
   return Status(StatusCode::kDataLoss,
                 "scontrol show config must say a whole number above 0 as MaxArraySize");
 }
@@ -220,7 +274,8 @@ Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t run
     names += "," + name + SuffixOf(first);
   }
   B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"squeue", "--array", "--noheader",
-                                                             "--format=%K %j", "--name=" + names}));
+                                                             "--format=%K %j", "--name=" + names},
+                                                            VariablesInTheWay({})));
   std::set<uint64_t> indices;
   for (const std::string_view line : LinesOf(output)) {
     const auto task = LeadingNumber(line);
@@ -231,8 +286,10 @@ Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t run
   return indices;
 }
 
-Result<std::string> SubmitScript(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"sbatch", "--parsable", path}));
+Result<std::string> SubmitScript(const std::string& path,
+                                 const std::vector<std::string>& sbatch_options) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"sbatch", "--parsable", path},
+                                                            VariablesInTheWay(sbatch_options)));
   return output.substr(0, output.find_first_of(";\n"));
 }
 

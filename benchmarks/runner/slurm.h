@@ -1,8 +1,7 @@
 // A suite on a cluster with Slurm: an array job, each task of which trains one run of plan.json.
 //
-// A cluster's setting MaxArraySize is above the numbers that a job's tasks may have. Where
-// plan.json is longer, there is a job for each block of so many runs, whose tasks count from the
-// block's first run.
+// A cluster bounds the numbers that a job's tasks may have. Where plan.json is longer, there is a
+// job for each block of so many runs, whose tasks count from the block's first run.
 //
 // The job's batch script says what a task does: it saves its run at the time limit and has itself
 // queued again, and goes on from the run's last checkpoint whenever Slurm starts it again. Tasks
@@ -31,8 +30,9 @@ struct SlurmJob {
 // A job's name, by which the tasks of a folder and a block are found in Slurm's queue. kIoError.
 Result<std::string> SlurmJobName(const std::string& folder, uint64_t first_run = 0);
 
-// The cluster's MaxArraySize. Errors as of QueuedIndices, of scontrol; kDataLoss if it does not say
-// a whole number above 0.
+// How many tasks one job may have, and below which number: the cluster's MaxArraySize, or its
+// scheduler's max_array_tasks if that is less. Errors as of QueuedIndices, of scontrol; kDataLoss
+// if it does not say a whole number above 0.
 Result<uint64_t> MaxArraySize();
 inline constexpr uint64_t kUsualArraySize = 1001;  // without a line in slurm.conf
 
@@ -59,7 +59,10 @@ std::string CompactList(const std::vector<uint64_t>& indices);
 Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t runs,
                                          uint64_t array_size);
 
-// Submits a script; returns the job's id. Errors as above, of sbatch.
-Result<std::string> SubmitScript(const std::string& path);
+// Submits a script that has these further options; returns the job's id. sbatch prefers its
+// variables (SBATCH_PARTITION) to what a script says, so it does not get those of the script's own
+// options and of these. Errors as above, of sbatch.
+Result<std::string> SubmitScript(const std::string& path,
+                                 const std::vector<std::string>& sbatch_options);
 
 }  // namespace b4mrl

@@ -31,7 +31,7 @@ Status SubmitBlocks(const std::vector<RunBlock>& blocks, const SubmissionOptions
       fmt::print("{}", script);
       continue;
     }
-    B4MRL_ASSIGN_OR_RETURN(const std::string id, SubmitScript(path));
+    B4MRL_ASSIGN_OR_RETURN(const std::string id, SubmitScript(path, job.sbatch_options));
     fmt::print("job {}: {} runs; tasks' messages in {}/logs\n", id, block.indices.size(),
                job.folder);
   }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 
 namespace b4mrl {
@@ -87,7 +88,10 @@ GroupLimits ReadGroupLimits(const std::string& root) {
 }
 
 uint32_t ProcessorCount() {
-  const double cores = static_cast<double>(AvailableCores().size());
+  double cores = static_cast<double>(AvailableCores().size());
+  const char* const granted = std::getenv("SLURM_CPUS_ON_NODE");
+  const double count = granted == nullptr ? 0 : std::strtod(granted, nullptr);
+  if (count >= 1) cores = std::min(cores, count);
   return static_cast<uint32_t>(std::ceil(std::min(cores, ReadGroupLimits().processors)));
 }
 

@@ -25,7 +25,9 @@ struct GroupLimits {
 // What cannot be read limits nothing.
 GroupLimits ReadGroupLimits(const std::string& root = "/");
 // The threads that can compute at once: as many as there are available cores, but no more than
-// control groups allow, rounded up. At least 1.
+// control groups allow, rounded up, or than Slurm has granted the job on this node
+// ($SLURM_CPUS_ON_NODE): clusters that confine no job to its cores expect it to be modest. At least
+// 1.
 uint32_t ProcessorCount();
 // The machine's memory, or what control groups allow of it.
 uint64_t MemoryBytes();

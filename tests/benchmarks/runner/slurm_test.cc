@@ -97,10 +97,37 @@ TEST_CASE("The queue and the array size are asked of Slurm's programs") {
   const std::string name = Take(SlurmJobName(folder.path()));
   CHECK(ReadBytes(folder.File("told")) == "--array --noheader --format=%K %j --name=" + name + "," +
                                               name + "+500," + name + "+1000\n");
+  programs("echo 'MaxArraySize = 1001'; echo 'SchedulerParameters = x=1,max_array_tasks=100,y=2'",
+           "echo \"${SQUEUE_PARTITION-unset}\" >" + folder.File("told"));
+  CHECK(Take(MaxArraySize()) == 100);
+  setenv("SQUEUE_PARTITION", "other", 1);
+  CHECK(Take(QueuedIndices(folder.path(), 1, 500)).empty());
+  CHECK(ReadBytes(folder.File("told")) == "unset\n");
+  unsetenv("SQUEUE_PARTITION");
   programs("echo 'MaxArraySize = none'", "exit 1");
   CHECK(MaxArraySize().status().code() == StatusCode::kDataLoss);
   CHECK(QueuedIndices(folder.path(), 1, 500).status().code() == StatusCode::kUnavailable);
   setenv("PATH", path.c_str(), 1);
+}
+
+TEST_CASE("Variables that sbatch prefers to the script's own options do not reach it") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("sbatch"), "#!/bin/sh\nenv | grep SBATCH_ | sort >" + folder.File("told") +
+                                        "\necho '12;cluster'\n");
+  std::filesystem::permissions(folder.File("sbatch"), std::filesystem::perms::owner_all);
+  const std::vector<std::string> names = {"SBATCH_ACCOUNT", "SBATCH_PARTITION", "SBATCH_TIMELIMIT"};
+  for (const std::string& name : names) setenv(name.c_str(), "mine", 1);
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", (folder.path() + ":" + path).c_str(), 1);
+  CHECK(Take(SubmitScript("slurm.sh", {})) == "12");
+  CHECK(ReadBytes(folder.File("told")) == "SBATCH_ACCOUNT=mine\nSBATCH_PARTITION=mine\n");
+  for (const char* option : {"--partition=long", "--partition long", "-p long", "-plong"}) {
+    CAPTURE(option);
+    CHECK(Take(SubmitScript("slurm.sh", {option})) == "12");
+    CHECK(ReadBytes(folder.File("told")) == "SBATCH_ACCOUNT=mine\n");
+  }
+  setenv("PATH", path.c_str(), 1);
+  for (const std::string& name : names) unsetenv(name.c_str());
 }
 
 TEST_CASE("A task that is told of its time limit stops its run and is queued again") {
@@ -129,8 +156,9 @@ TEST_CASE("What cannot stand in a batch script is refused") {
   SlurmJob job = {.folder = "a%b"};
   CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);
   job.folder = "suite";
-  for (const char* option : {"partition=long", "", "--comment=a\nrm -r x", "--job-name=mine",
-                             "-J x", "--array=0-9", "-a1", "--no-requeue", "--signal=TERM@9"}) {
+  for (const char* option :
+       {"partition=long", "", "--comment=a\nrm -r x", "--job-name=mine", "-J x", "--array=0-9",
+        "-a1", "--no-requeue", "--signal=TERM@9", "--clusters=c2", "-M c2"}) {
     CAPTURE(option);
     job.sbatch_options = {option};
     CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);

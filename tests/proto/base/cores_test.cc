@@ -4,6 +4,7 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <limits>
 #include <thread>
@@ -40,6 +41,19 @@ TEST_CASE("A pinned thread stays on its core, and so do the threads that it star
     CHECK(of_child == std::vector<int>{before.back()});
   }
   CHECK(AvailableCores() == before);
+}
+
+TEST_CASE("What Slurm grants bounds the threads, and no text that is none of its numbers does") {
+  unsetenv("SLURM_CPUS_ON_NODE");  // of a job in which this runs
+  const uint32_t all = ProcessorCount();
+  const auto count_with = [](const char* granted) {
+    setenv("SLURM_CPUS_ON_NODE", granted, 1);
+    const uint32_t count = ProcessorCount();
+    unsetenv("SLURM_CPUS_ON_NODE");
+    return count;
+  };
+  CHECK(count_with("1") == 1);
+  for (const char* text : {"1000000", "", "0", "-3", "x"}) CHECK(count_with(text) == all);
 }
 
 TEST_CASE("The tightest of the control groups around a process limits it") {
