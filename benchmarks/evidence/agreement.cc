@@ -189,8 +189,10 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
         ours_.errors[item.run] = own->standard_error;
         paper_.values[item.run] = score.mean;
         paper_.errors[item.run] = score.standard_error;
-        // Of one run from three: the paper's deviation is divided by the number of seeds.
-        deviations_[item.run] = score.std * std::sqrt(1.5);
+        // The paper's deviation of three seeds is divided by their number, so that of one run is
+        // sqrt(3/2) times as large; and one run differs from their mean by the mean's own error,
+        // too, which is sqrt(4/3) times as much.
+        deviations_[item.run] = score.std * std::sqrt(2.0);
         runs_.push_back(item);
       }
       cells.push_back(std::move(item));

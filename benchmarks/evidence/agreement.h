@@ -2,8 +2,9 @@
 // it fills. Each figure stands between two that need no training:
 //   floor    a table that knows algorithm and dataset alone: the mean of the paper's runs of the
 //            algorithm and the dataset, and of online learners, which use none, of all their runs
-//   ceiling  the paper's numbers with other seeds: the mean over 200 draws of each run's score from
-//            the normal distribution with its mean and its deviation
+//   ceiling  the paper's numbers with another seed: the mean over 200 draws of each run's score
+//            from the normal distribution with its mean and the deviation of one run from such a
+//            mean
 // and has an interval of 95%: percentile bootstrap, 2,000 resamples of runs, of effects, or of the
 // datasets (with their corruptions) that rankings and pairs are of. It says how far the figure
 // depends on which cells were run.

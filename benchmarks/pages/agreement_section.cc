@@ -84,9 +84,11 @@ Table RanksTable(const PaperAgreement& settled) {
       "(as for the claims; a cell of fewer than three seeds borrows it from the paper's "
       "deviations), so that no other seed is likely to order them otherwise. Floor: a table that "
       "knows algorithm and dataset alone, as the means of the paper's runs, the compared one among "
-      "them (of SAC and TD3, which use no dataset, over all of them). Ceiling: the paper's own "
-      "numbers with another seed, drawn from their means and deviations, these taken as divided by "
-      "the number of seeds (mean of 200). The intervals are percentile bootstraps with 2,000 "
+      "them (of SAC and TD3, which use no dataset, over all of them), so that where there is no "
+      "other run the floor has its score. Ceiling: the paper's own numbers with another seed, "
+      "drawn "
+      "from their means and deviations, these taken as divided by the number of seeds, with the "
+      "error of a mean of three (mean of 200). The intervals are percentile bootstraps with 2,000 "
       "resamples of runs, of effects, or, for rankings and pairs, of the datasets, each corruption "
       "of one for itself: they tell what other cells could give, not what other seeds would.";
   table.columns = {{"Figure"},      {"n", true},      {"Ours", true}, {"95% interval", true},
@@ -110,15 +112,18 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
       "a run's last fifth stands for that of its last evaluation. With a recipe: where an "
       "algorithm has run with it, its scores by that stand for the others; they are compared on "
       "the cells that have settled with both. By the paper: its scores stand for ours of that "
-      "algorithm. All: also cells that have not settled.";
+      "algorithm. All: also cells that have not settled. The paper beside itself: in brackets the "
+      "ceiling, too.";
   table.columns = {{"Cells"}};
   for (const RankFigure& figure : kFigures) table.columns.push_back({figure.name, true});
-  const auto add = [&](const std::string& which, const PaperAgreement& agreement) {
+  const auto add = [&](const std::string& which, const PaperAgreement& agreement,
+                       bool with_ceiling = false) {
     std::vector<std::string> row = {which};
     for (const RankFigure& figure : kFigures) {
       const Agreement& each = agreement.*figure.of;
-      row.push_back(
-          fmt::format("{} ({}; {})", Fixed(each.ours, 2), each.count, Fixed(each.floor, 2)));
+      const std::string ceiling = with_ceiling ? "; " + Fixed(each.ceiling, 2) : "";
+      row.push_back(fmt::format("{} ({}; {}{})", Fixed(each.ours, 2), each.count,
+                                Fixed(each.floor, 2), ceiling));
     }
     table.rows.push_back(std::move(row));
   };
@@ -142,7 +147,7 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   }
   add("all", compare(evidence.ours, {.settled_only = false}));
   add("all, by last fifths", compare(ByLastFifths(evidence.ours), {.settled_only = false}));
-  add("the paper beside itself", compare(evidence.paper, {}));
+  add("the paper beside itself", compare(evidence.paper, {}), /*with_ceiling=*/true);
   return table;
 }
 

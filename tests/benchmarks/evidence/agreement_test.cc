@@ -17,10 +17,10 @@ TEST_CASE("The paper agrees with itself, on as many distinct runs as its tables 
   CHECK(agreement.scores.ours.value() == Approx(1));
   CHECK(agreement.effects.ours.value() == Approx(1));
   CHECK(agreement.rankings.ours.value() == Approx(1));
-  // With scipy and 300 draws from numpy's generator: 0.971, 0.888, 0.828.
-  CHECK(agreement.scores.ceiling.value() == Approx(0.971).margin(0.01));
-  CHECK(agreement.effects.ceiling.value() == Approx(0.888).margin(0.02));
-  CHECK(agreement.rankings.ceiling.value() == Approx(0.828).margin(0.02));
+  // With scipy and 300 draws from numpy's generator: 0.963, 0.859, 0.805.
+  CHECK(agreement.scores.ceiling.value() == Approx(0.963).margin(0.01));
+  CHECK(agreement.effects.ceiling.value() == Approx(0.859).margin(0.02));
+  CHECK(agreement.rankings.ceiling.value() == Approx(0.805).margin(0.02));
   CHECK(agreement.scores.floor.value() < 0.75);
   CHECK(agreement.effects.floor == 0);
   // Computed with scipy. Without a dataset of their own, online learners have one number in the
