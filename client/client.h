@@ -4,7 +4,10 @@
 //   auto env = client->Make("HalfCheetah", {.simulator = {{"gravity", ""}}, .num_envs = 64});
 //
 // Errors are Status values with the server's message: kUnavailable (no server answers),
-// kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded. A deadline
+// kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded; kUnsupported
+// for a perturbation that the environment or dataset cannot have, kFailedPrecondition for a dataset
+// whose sizes are not its environment's, kDataLoss and kIoError for files that cannot be read, and
+// kInternal for a server that does not keep the protocol. A deadline
 // of 0 means limits::kDefaultDeadlineMs; one above limits::kMaxDeadlineMs counts as that. Thread
 // rule: one thread at a time may use a Client. Its sessions and datasets are independent of it and
 // of each other, each for one thread, and may outlive it. Its benchmarks use it, and may not.

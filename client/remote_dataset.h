@@ -21,7 +21,7 @@
 namespace b4mrl {
 
 struct DatasetOptions {
-  std::vector<NamedArgument> corruption;   // corruptions in the order in which they apply
+  std::vector<NamedArgument> corruption;   // in the order in which they apply, but `hidden` last
   uint64_t seed = 0;                       // of the corruptions' noise
   std::string transition_rule = "stored";  // "stored" or "d4rl" (data/columns/episodes.h)
   std::string environment;                 // refuse data of another environment; "" takes any

@@ -44,7 +44,8 @@
 namespace b4mrl {
 
 struct EnvironmentOptions {
-  // Perturbations in the order in which they apply; without any, the true environment.
+  // Perturbations in the order in which they apply, but `hidden` always last; without any, the true
+  // environment.
   std::vector<NamedArgument> simulator;
   uint32_t num_envs = 1;         // number of lanes; 0: a session for queries alone
   std::optional<uint64_t> seed;  // lane i gets seed + i; without, the daemon draws a seed

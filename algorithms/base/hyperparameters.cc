@@ -60,6 +60,11 @@ Hyperparameter Choice(std::string_view name, std::string_view choices, int value
   return row;
 }
 
+Hyperparameter WithoutEffect(Hyperparameter row) {
+  row.is_without_effect = true;
+  return row;
+}
+
 HyperparameterTable operator+(HyperparameterTable table, const HyperparameterTable& more) {
   table.insert(table.end(), more.begin(), more.end());
   return table;

@@ -30,6 +30,8 @@ struct Hyperparameter {
   std::string_view source = {};   // who chose the default, and why where sources disagree
   std::string_view choices = {};  // "deterministic|gaussian": `value` is an index into this list
   std::span<const EnvironmentDefault> by_environment = {};  // environments with another default
+  // No number of a run depends on it: it may differ between a run's parts and is not in its id.
+  bool is_without_effect = false;
 
   // The names in `choices`; empty if the hyperparameter is a number.
   std::vector<std::string_view> ChoiceNames() const;
@@ -61,6 +63,8 @@ Hyperparameter Switch(std::string_view name, bool value, std::string_view meanin
                       std::string_view source);
 Hyperparameter Choice(std::string_view name, std::string_view choices, int value,
                       std::string_view meaning, std::string_view source);
+// The row as one on which no number of a run depends.
+Hyperparameter WithoutEffect(Hyperparameter row);
 
 // A learner's hyperparameters. operator+ appends rows that several learners share to its own.
 using HyperparameterTable = std::vector<Hyperparameter>;

@@ -53,9 +53,9 @@ HyperparameterTable Table() {
       Whole("chunk-rows", 2000, {1, limits::kMaxQueryRows},
             "states and actions in one query to the simulator",
             {.unit = "rows", .source = "ours, by measurement"}),
-      Whole("chunks-in-flight", 6, {1, limits::kMaxRequestsInFlight},
-            "queries that the daemon is asked at once",
-            {.unit = "queries", .source = "ours, by measurement"}),
+      WithoutEffect(Whole("chunks-in-flight", 6, {1, limits::kMaxRequestsInFlight},
+                          "queries that the daemon is asked at once",
+                          {.unit = "queries", .source = "ours, by measurement"})),
   };
   return own + ModelBasedRows();
 }

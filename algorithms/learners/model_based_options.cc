@@ -91,9 +91,10 @@ HyperparameterTable EnsembleEndRows() {
             "epochs without a 1% improvement after which the ensemble's training stops",
             {.unit = "epochs",
              .source = "junming-yang/mopo and OfflineRL-Kit; 6 in the official code"}),
-      Switch("ensemble-cache", true,
-             "whether to keep trained ensembles and to use one that was trained alike",
-             "ours: it changes no bit of a run"),
+      WithoutEffect(
+          Switch("ensemble-cache", true,
+                 "whether to keep trained ensembles and to use one that was trained alike",
+                 "ours: it changes no bit of a run")),
   };
 }
 

@@ -1,5 +1,7 @@
 // MOPO: model-based offline policy optimisation (Yu et al. 2020), as the B4MRL paper's authors ran
-// it (junming-yang/mopo). The options' help says where MOPO's official code differs.
+// it (junming-yang/mopo), but for its SAC update, which is that of the learner sac, in another
+// order and with half the critics' loss (cores/sac_core.h). The options' help says where MOPO's
+// official code differs.
 //
 //   D        dataset of (o, a, r, o', d)       D_model  transitions of recent rollouts in the model
 //   f        ensemble of Gaussian networks (o, a) -> (delta, r)         (model/dynamics_ensemble.h)
@@ -18,6 +20,7 @@
 
 #include "algorithms/learners/model_based.h"
 #include "algorithms/learners/model_based_options.h"
+#include "algorithms/model/termination.h"
 
 namespace b4mrl {
 namespace {
@@ -45,6 +48,11 @@ Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
   return std::unique_ptr<Learner>(std::make_unique<Mopo>(context, std::move(parts)));
 }
 
+Status Check(const LearnerContext& context) {
+  B4MRL_RETURN_IF_ERROR(CheckModelBased(context));
+  return Termination::Of(context.environment).status();
+}
+
 HyperparameterTable Table() {
   const HyperparameterTable own = {
       PenaltyRow(1, kPenaltySource),
@@ -64,7 +72,7 @@ Algorithm MopoAlgorithm() {
           .needs = {.dataset = true},
           .hyperparameters = Table(),
           .create = Create,
-          .check = CheckModelBased,
+          .check = Check,
           .threads = 2};
 }
 

@@ -21,7 +21,15 @@ Status CheckOpening(const TrainOptions& options, Client& client) {
   dataset.seed = options.corruption_seed;
   dataset.transition_rule = options.transitions;
   dataset.environment = options.environment;
-  return client.OpenDataset(options.dataset, dataset).status();
+  B4MRL_ASSIGN_OR_RETURN(const RemoteDataset opened, client.OpenDataset(options.dataset, dataset));
+  // A run that an earlier version began can be resumed: the seed changes nothing of it.
+  return options.resume ? Status() : CheckCorruptionSeed(options.corruption_seed, opened);
+}
+
+Status CheckCorruptionSeed(uint64_t seed, const RemoteDataset& opened) {
+  if (seed == 0 || opened.in_force().seed() != 0) return Status();
+  return InvalidNumber("--corruption-seed", seed,
+                       "0 where no --corruption draws numbers (`hidden` draws none)");
 }
 
 }  // namespace b4mrl

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "algorithms/run/check_opening.h"
+
 namespace b4mrl {
 
 void DatasetSource::AddTo(CLI::App& app) {
@@ -25,6 +27,9 @@ std::optional<Failure> DatasetSource::Open(const Use& use) const {
   options.transition_rule = transitions;
   auto dataset = connection->client().OpenDataset(name, options);
   if (!dataset.ok()) return FromDataset(dataset.status(), name);
+  if (Status status = CheckCorruptionSeed(corruption_seed, *dataset); !status.ok()) {
+    return BadUsage(std::move(status));
+  }
   return use(connection->client(), *dataset);
 }
 

@@ -275,7 +275,7 @@ Status TrainCommand::SetHyperparameters(const Algorithm& algorithm, const NamedT
   }
   for (const Hyperparameter& entry : before.entries()) {
     const Hyperparameter& now = *values.Find(entry.name);
-    if (recorded.empty() || now.value == entry.value) continue;
+    if (recorded.empty() || now.value == entry.value || entry.is_without_effect) continue;
     return InvalidArgument(fmt::format("--{}", entry.name), now.Text(),
                            fmt::format("{}, as in the run to be resumed", entry.Text()));
   }
@@ -301,6 +301,9 @@ std::optional<Failure> TrainCommand::CompleteDatasetName(Client& client) {
 
 // Exit code of a run that had started. Divergence is a failure (1), not bad input (3).
 Failure TrainCommand::RunFailure(const Status& status) const {
+  if (status.code() == StatusCode::kInvalidArgument && status.message().starts_with("--")) {
+    return BadUsage(status);
+  }
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
   if (status.code() == StatusCode::kBusy) return BadInput(status);  // another run in the folder
   Failure failure = FromDaemon(status);

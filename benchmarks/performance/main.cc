@@ -3,8 +3,8 @@
 //   b4mrl perf [step|latency|query|batch|update|highway|cycle|python|all] [--json] [--turns N]
 //              [--endpoint ADDRESS]
 //
-// Exit code 0: measured (whatever the ratios are); 2: bad usage; 3: bad input; 4: the daemon cannot
-// be reached; 5: it refused; 130: interrupted.
+// Exit code 0: measured (whatever the ratios are); 1: a fault of B4MRL; 2: bad usage; 3: bad input;
+// 4: the daemon cannot be reached; 5: it refused; 130: interrupted.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -65,9 +65,10 @@ int ExitCode(const Status& status) {
     case StatusCode::kUnavailable:
     case StatusCode::kDeadlineExceeded:
       return 4;
+    case StatusCode::kInternal:
+      return 1;
     case StatusCode::kIoError:
     case StatusCode::kDataLoss:
-    case StatusCode::kInternal:
       return 3;
     default:
       return 5;
@@ -84,6 +85,11 @@ int Measure(const std::string& what, const Options& options, bool json) {
     if (!status.ok() && Interrupted()) {
       fmt::print(stderr, "b4mrl perf: interrupted\n");
       return InterruptExitCode();
+    }
+    // What cannot be measured with the daemon of --endpoint does not keep the rest of `all`.
+    if (what == "all" && status.code() == StatusCode::kUnsupported) {
+      fmt::print(stderr, "b4mrl perf: {} is left out: {}\n", entry.name, status.message());
+      continue;
     }
     if (!status.ok()) {
       fmt::print(stderr, "b4mrl perf {}: {}\n", entry.name, status.ToString());
@@ -114,8 +120,10 @@ int Main(int argc, char** argv) {
   app.footer(Footer());
   app.add_option("what", what, "one of the measurements below, or all of them")
       ->capture_default_str();
-  app.add_option("--endpoint", options.endpoint,
-                 "address of a running daemon (default: a daemon started for the measurement)")
+  app.add_option(
+         "--endpoint", options.endpoint,
+         "address of a running daemon; without `batch`, whose dataset needs a daemon of its "
+         "own (default: a daemon started for the measurement)")
       ->envname("B4MRL_ENDPOINT")
       ->check(Address());
   app.add_option("--turns", options.turns, "how often a value and its limit are measured, in turns")

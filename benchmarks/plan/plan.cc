@@ -20,8 +20,6 @@ using Json = nlohmann::json;  // its keys are sorted, so equal contents are equa
 
 constexpr size_t kIdDigits = 16;
 constexpr size_t kMostNameCharacters = 40;  // of a user's learner
-// Hyperparameters that change no number of a run.
-constexpr std::string_view kWithoutEffect[] = {"ensemble-cache", "chunks-in-flight"};
 
 std::string IdOf(const Json& identity) {
   return Sha256OfText(identity.dump()).substr(0, kIdDigits);
@@ -237,7 +235,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   identity["corruption_seed"] = 0;
   identity["hyperparameters"] = Json::object();
   for (const Hyperparameter& entry : resolved.entries()) {
-    if (std::ranges::count(kWithoutEffect, entry.name) > 0) continue;
+    if (entry.is_without_effect) continue;
     identity["hyperparameters"][std::string(entry.name)] = entry.value;
   }
   run->cell_id = IdOf(identity);

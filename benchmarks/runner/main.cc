@@ -63,6 +63,8 @@ struct BenchmarkCommand {
   void AddRunOptions(CLI::App& app);
   void AddSlurmOptions(CLI::App& app);
   Result<int> Run(PlanWork work);
+  // What a learner of the user's own has no use for.
+  Status CheckLearnerOptions() const;
   // A private daemon on a folder of datasets, which need not exist.
   Result<PrivateDaemon> StartDaemon(const std::string& data_folder) const;
   // What --index leaves of the plan.
@@ -113,8 +115,10 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
 
 void BenchmarkCommand::AddRunOptions(CLI::App& app) {
   app.add_option("--jobs", options.jobs, "processes at a time [cores]")->transform(Count(1, 1024));
-  app.add_option("--hours", options.hours,
-                 "stop after so many hours, to be resumed; runs that can end by then come first")
+  app.add_option(
+         "--hours", options.hours,
+         "stop after so many hours, to be resumed; runs that can end by then come first [0: "
+         "when all is done]")
       ->check(Number(0, 1e5));
   app.add_option("--index", index,
                  "only the run with this number in plan.json, in --out, which is written if it is "
@@ -185,6 +189,18 @@ Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
                                   .dry_run = dry_run};
   submission.job.folder = options.folder;
   submission.job.command = TaskWords();
+  if (choice.learner) {
+    Tell(
+        fmt::format("a learner that is not done after {} (--time) gets SIGTERM and is started "
+                    "again: it has to save its work and go on from it, or it never ends\n",
+                    slurm.time));
+  }
+  if (options.endpoint.starts_with("ipc:") || options.endpoint.starts_with("tcp://127.")) {
+    Tell(
+        fmt::format("the daemon at {} can be reached from its own machine alone: tasks on other "
+                    "nodes will fail\n",
+                    options.endpoint));
+  }
   B4MRL_RETURN_IF_ERROR(SubmitMissingRuns(plan, submission));
   return kExitDone;
 }
@@ -207,6 +223,19 @@ Result<PrivateDaemon> BenchmarkCommand::StartDaemon(const std::string& data_fold
   return PrivateDaemon::Start(own);
 }
 
+Status BenchmarkCommand::CheckLearnerOptions() const {
+  if (!choice.learner) return Status();
+  if (!choice.algorithms.empty()) {
+    return InvalidArgument("--algorithms", fmt::format("{}", fmt::join(choice.algorithms, ",")),
+                           "nothing with --learner, which is trained instead");
+  }
+  if (options.until_settled > 0) {
+    return InvalidNumber("--until-settled", options.until_settled,
+                         "0 with --learner, which is asked for the budget's updates alone");
+  }
+  return Status();
+}
+
 Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(const Budget chosen, FindBudget(budget));
   if (options.folder.empty()) options.folder = "runs/benchmark";
@@ -221,6 +250,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
     options.data_folder = chosen.rows ? options.folder + "/data" : DefaultDataFolder();
   }
   if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
+  B4MRL_RETURN_IF_ERROR(CheckLearnerOptions());
   std::error_code error;
   if (!choice.suites.empty()) options.suites = fs::absolute(choice.suites, error);
   options.commit = BuildCommit();
@@ -303,6 +333,8 @@ int ExitCodeOf(const Status& status) {
     case StatusCode::kUnavailable:
     case StatusCode::kDeadlineExceeded:
       return kExitNoDaemon;
+    case StatusCode::kInternal:
+      return kExitFailed;
     default:
       return kExitBadInput;
   }

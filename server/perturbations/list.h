@@ -58,8 +58,8 @@ class NumberPerturbation : public Perturbation {
   const NumberArgument* number() const final { return &number_; }
 
  protected:
-  // The argument of a perturbation that takes no range. Hooks that may be given a range get the
-  // drawn number as an argument instead.
+  // The argument of a perturbation that takes no range. OnOptions and OnModel, where a range may
+  // come, get the drawn number as an argument instead.
   double fixed_number() const { return number_.low; }
   // The generator of this perturbation's random numbers of one row, which draws `per_row` of them.
   Rng RowRng(const DrawContext& context, uint64_t per_row) const {

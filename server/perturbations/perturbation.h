@@ -71,7 +71,9 @@ class Perturbation {
   // The number or range that the perturbation was given; null where the argument is neither.
   virtual const NumberArgument* number() const { return nullptr; }
 
-  // In the hooks, `number` is the fixed number, or the drawn one of a range; 0 without number().
+  // In the hooks that have it, `number` is the fixed number, or the drawn one of a range; 0 without
+  // number(). The other hooks do not learn what was drawn, so a perturbation that needs its number
+  // there takes no range.
 
   // Changes the environment's settings. The number drawn from a range may change an episode's
   // numbers, but no space and no size of the environment.
@@ -90,7 +92,8 @@ class Perturbation {
   // Whether OnAction gives a float32 action where it gets one. NumPy's sum of a float32 action and
   // float64 noise, say, is float64.
   virtual bool keeps_float32() const { return true; }
-  // Changes the reward that is reported; `context` is that of the observation after the step.
+  // Changes the reward that is reported; `context` is that of the observation after the step. The
+  // rewards of a dataset stay as they are.
   virtual void OnReward(const DrawContext& /*context*/, std::span<double> /*state*/,
                         double& /*reward*/) const {}
   // Changes the observation that a policy, a query or a dataset's reader sees. It may hold numbers

@@ -16,6 +16,7 @@ EnvironmentSpec SpecOf(const std::string& name, size_t observation_size, size_t 
   spec.name = name;
   spec.observation.dimensions.resize(observation_size);
   spec.action.dimensions.resize(action_size, {"", "", -1, 1});
+  spec.termination.emplace();  // it never ends
   return spec;
 }
 
@@ -51,6 +52,13 @@ TEST_CASE("Every algorithm's defaults go together, with every environment's size
     CHECK(CheckTraining(OptionsOf(std::string(algorithm.name)), kCheetah).ok());
     CHECK(CheckTraining(OptionsOf(std::string(algorithm.name)), kHumanoid).ok());
   }
+}
+
+TEST_CASE("MOPO is refused where observations do not tell that an episode ends") {
+  EnvironmentSpec unknown = kCheetah;
+  unknown.termination.reset();
+  CHECK(CheckTraining(OptionsOf("mopo"), unknown).code() == StatusCode::kUnsupported);
+  CHECK(CheckTraining(OptionsOf("hymopo"), unknown).ok());
 }
 
 TEST_CASE("An environment whose actions no learner can scale is refused") {

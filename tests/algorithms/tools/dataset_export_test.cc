@@ -75,6 +75,19 @@ TEST_CASE("Hidden dimensions stay hidden on the way through Minari, and the id t
   CHECK(back["observation_std"] == served["observation_std"]);
 }
 
+TEST_CASE(
+    "A seed that no corruption draws from is refused, as two seeds would seem to be two draws") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1000");
+  for (const Words& corruption : {Words(), Words{"--corruption", "hidden=9"}}) {
+    Words words = {"info", "HalfCheetah/random", "--corruption-seed", "3"};
+    words.insert(words.end(), corruption.begin(), corruption.end());
+    const Outcome outcome = exports.Dataset(words);
+    CHECK(outcome.exit_code == 2);
+    CHECK_THAT(outcome.err, Catch::Contains("--corruption-seed is 3"));
+  }
+}
+
 TEST_CASE("A Minari dataset is not replaced, and only ids that Minari reads are taken") {
   const Exports exports;
   exports.Make("HalfCheetah/random", "1000");

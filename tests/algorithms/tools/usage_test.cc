@@ -222,6 +222,8 @@ TEST_CASE("A learner with an ensemble has two threads unless it is told otherwis
   CHECK(threads("default", {"--updates", "2"}) == 2);
   CHECK(threads("one", {"--updates", "2", "--threads", "1"}) == 1);
   CHECK(threads("one", {"--updates", "4", "--resume"}) == 1);
+  // What changes no bit may change in the midst of a run.
+  CHECK(threads("one", {"--updates", "6", "--resume", "--ensemble-cache", "true"}) == 1);
 }
 
 TEST_CASE("Training without an algorithm names those that there are") {

@@ -1,7 +1,7 @@
 // Plans: which distinct runs fill the cells of the project's benchmarks, and what their ids depend
 // on.
-#include "benchmarks/plan/perturbation_names.h"
 #include "benchmarks/plan/plan.h"
+#include "benchmarks/plan/perturbation_names.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -120,6 +120,7 @@ TEST_CASE("Benchmarks have no cells for algorithms for which they are not define
   CHECK(algorithms("HalfCheetah/action-delay/gravity+*").size() == 7);
   CHECK(algorithms("HalfCheetah/controls/no-penalty+*") == std::set<std::string>{"mopo"});
   CHECK(algorithms("Highway/simulators/*") == std::set<std::string>{"sac"});
+  CHECK(algorithms("Highway/*").count("mopo") == 0);
 }
 
 TEST_CASE("Ids hang on what decides a run's numbers and on nothing else") {

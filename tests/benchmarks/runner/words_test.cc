@@ -26,7 +26,14 @@ TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with th
   CHECK(says({"--algorithms", "td3bc"}, "td3-bc"));
   CHECK(says({"--seeds", "x"}, "--seeds is 'x'"));
   CHECK(says({"--learner", "true", "--name", "a b"}, "--name is 'a b'"));
-  CHECK(says({"--learner", "true", "--name", "mine", "--data", "d4rl"}, "exclude each other"));
+  const auto says_beside_learner = [&](const Words& more, const std::string& words) {
+    Words all = {"--learner", "true", "--name", "mine"};
+    all.insert(all.end(), more.begin(), more.end());
+    return says(all, words);
+  };
+  CHECK(says_beside_learner({"--data", "d4rl"}, "exclude each other"));
+  CHECK(says_beside_learner({"--algorithms", "bc"}, "--algorithms is 'bc'"));
+  CHECK(says_beside_learner({"--until-settled", "1"}, "--until-settled is 1"));
 }
 
 TEST_CASE("A perturbation that a suite misspells is found before anything is trained") {
