@@ -112,18 +112,16 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
       "a run's last fifth stands for that of its last evaluation. With a recipe: where an "
       "algorithm has run with it, its scores by that stand for the others; they are compared on "
       "the cells that have settled with both. By the paper: its scores stand for ours of that "
-      "algorithm. All: also cells that have not settled. The paper beside itself: in brackets the "
-      "ceiling, too.";
+      "algorithm. All: also cells that have not settled. The paper with another seed: the ceiling "
+      "of all its cells.";
   table.columns = {{"Cells"}};
   for (const RankFigure& figure : kFigures) table.columns.push_back({figure.name, true});
-  const auto add = [&](const std::string& which, const PaperAgreement& agreement,
-                       bool with_ceiling = false) {
+  const auto add = [&](const std::string& which, const PaperAgreement& agreement) {
     std::vector<std::string> row = {which};
     for (const RankFigure& figure : kFigures) {
       const Agreement& each = agreement.*figure.of;
-      const std::string ceiling = with_ceiling ? "; " + Fixed(each.ceiling, 2) : "";
-      row.push_back(fmt::format("{} ({}; {}{})", Fixed(each.ours, 2), each.count,
-                                Fixed(each.floor, 2), ceiling));
+      row.push_back(
+          fmt::format("{} ({}; {})", Fixed(each.ours, 2), each.count, Fixed(each.floor, 2)));
     }
     table.rows.push_back(std::move(row));
   };
@@ -147,7 +145,13 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   }
   add("all", compare(evidence.ours, {.settled_only = false}));
   add("all, by last fifths", compare(ByLastFifths(evidence.ours), {.settled_only = false}));
-  add("the paper beside itself", compare(evidence.paper, {}), /*with_ceiling=*/true);
+  const PaperAgreement itself = compare(evidence.paper, {});
+  add("the paper beside itself", itself);
+  std::vector<std::string> ceilings = {"the paper with another seed"};
+  for (const RankFigure& figure : kFigures) {
+    ceilings.push_back(Fixed((itself.*figure.of).ceiling, 2));
+  }
+  table.rows.push_back(std::move(ceilings));
   return table;
 }
 
