@@ -7,10 +7,10 @@
 // kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded; kUnsupported
 // for a perturbation that the environment or dataset cannot have, kFailedPrecondition for a dataset
 // whose sizes are not its environment's, kDataLoss and kIoError for files that cannot be read, and
-// kInternal for a server that does not keep the protocol. A deadline
-// of 0 means limits::kDefaultDeadlineMs; one above limits::kMaxDeadlineMs counts as that. Thread
-// rule: one thread at a time may use a Client. Its sessions and datasets are independent of it and
-// of each other, each for one thread, and may outlive it. Its benchmarks use it, and may not.
+// kInternal for a server that does not keep the protocol. A deadline of 0 means
+// limits::kDefaultDeadlineMs; one above limits::kMaxDeadlineMs counts as that. Thread rule: one
+// thread at a time may use a Client. Its sessions and datasets are independent of it and of each
+// other, each for one thread, and may outlive it. Its benchmarks use it, and may not.
 //
 // Workers and the dataset worker listen on ports of their own. If such a port does not exist, or
 // cannot be reached within limits::kDirectConnectMs, requests go through the gateway, which is

@@ -301,9 +301,7 @@ std::optional<Failure> TrainCommand::CompleteDatasetName(Client& client) {
 
 // Exit code of a run that had started. Divergence is a failure (1), not bad input (3).
 Failure TrainCommand::RunFailure(const Status& status) const {
-  if (status.code() == StatusCode::kInvalidArgument && status.message().starts_with("--")) {
-    return BadUsage(status);
-  }
+  if (IsOfOption(status)) return BadUsage(status);
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
   if (status.code() == StatusCode::kBusy) return BadInput(status);  // another run in the folder
   Failure failure = FromDaemon(status);

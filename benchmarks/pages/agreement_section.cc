@@ -86,11 +86,11 @@ Table RanksTable(const PaperAgreement& settled) {
       "knows algorithm and dataset alone, as the means of the paper's runs, the compared one among "
       "them (of SAC and TD3, which use no dataset, over all of them), so that where there is no "
       "other run the floor has its score. Ceiling: the paper's own numbers with another seed, "
-      "drawn "
-      "from their means and deviations, these taken as divided by the number of seeds, with the "
-      "error of a mean of three (mean of 200). The intervals are percentile bootstraps with 2,000 "
-      "resamples of runs, of effects, or, for rankings and pairs, of the datasets, each corruption "
-      "of one for itself: they tell what other cells could give, not what other seeds would.";
+      "drawn from their means and deviations, these taken as divided by the number of seeds, with "
+      "the error of a mean of three (mean of 200). The intervals are percentile bootstraps with "
+      "2,000 resamples of runs, of effects, or, for rankings and pairs, of the datasets, each "
+      "corruption of one for itself: they tell what other cells could give, not what other seeds "
+      "would.";
   table.columns = {{"Figure"},      {"n", true},      {"Ours", true}, {"95% interval", true},
                    {"Floor", true}, {"Ceiling", true}};
   for (const RankFigure& figure : kFigures) {

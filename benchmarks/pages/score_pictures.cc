@@ -311,8 +311,7 @@ Picture DimensionsPicture(const Evidence& evidence) {
       "The paper's fig:conf, of which it prints no numbers. TD3-BC learns from medium-expert; the "
       "policy that recorded it saw all dimensions.",
       "An algorithm's runs are all read at the updates of the shortest, or at their last "
-      "evaluation "
-      "before that. Open: the score still moves there.",
+      "evaluation before that. Open: the score still moves there.",
       kWhiskers};
   figure.series = {"SAC", "TD3-BC"};
   Panel panel;

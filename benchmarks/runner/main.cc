@@ -328,8 +328,8 @@ int ExitCodeOf(const Status& status) {
   switch (status.code()) {
     case StatusCode::kUnknownName:
       return kExitBadUsage;
-    case StatusCode::kInvalidArgument:  // the message begins with what is wrong
-      return status.message().starts_with("--") ? kExitBadUsage : kExitBadInput;
+    case StatusCode::kInvalidArgument:
+      return IsOfOption(status) ? kExitBadUsage : kExitBadInput;
     case StatusCode::kUnavailable:
     case StatusCode::kDeadlineExceeded:
       return kExitNoDaemon;

@@ -107,38 +107,32 @@ std::string VariableOf(std::string_view option) {
   return name;
 }
 
-// Those of this process's variables that would replace what a script says, or hide tasks of the
-// queue.
-std::vector<std::string> VariablesInTheWay(const std::vector<std::string>& sbatch_options) {
+// This process's variables without those that would replace what a script says, or hide tasks of
+// the queue.
+std::vector<std::string> VariablesForSlurm(const std::vector<std::string>& sbatch_options = {}) {
   std::set<std::string> names = {"SBATCH_JOB_NAME",    "SBATCH_ARRAY_INX",   "SBATCH_TIMELIMIT",
                                  "SBATCH_NO_REQUEUE",  "SBATCH_REQUEUE",     "SBATCH_SIGNAL",
                                  "SBATCH_OPEN_MODE",   "SBATCH_CLUSTERS",    "SBATCH_WAIT",
                                  "SBATCH_OUTPUT",      "SBATCH_MEM_PER_CPU", "SBATCH_MEM_PER_GPU",
                                  "SBATCH_MEM_PER_NODE"};
   for (const std::string& option : sbatch_options) names.insert(VariableOf(option));
-  std::vector<std::string> found;
-  for (const std::string& variable : EnvironmentWith({})) {
-    std::string name = variable.substr(0, variable.find('='));
-    if (name.starts_with("SQUEUE_") || names.contains(name)) found.push_back(std::move(name));
-  }
-  return found;
+  std::vector<std::string> variables = EnvironmentWith({});
+  std::erase_if(variables, [&names](const std::string& variable) {
+    const std::string name = variable.substr(0, variable.find('='));
+    return name.starts_with("SQUEUE_") || names.contains(name);
+  });
+  return variables;
 }
 
-// What a program of Slurm prints, started without these variables. Its messages go to our stderr.
-Result<std::string> OutputOf(std::vector<std::string> words,
-                             const std::vector<std::string>& without = {}) {
-  const std::string program_name = words.front();
-  if (!without.empty()) {
-    std::vector<std::string> unset = {"env"};
-    for (const std::string& name : without) unset.insert(unset.end(), {"-u", name});
-    words.insert(words.begin(), unset.begin(), unset.end());
-  }
+// What a program of Slurm prints. Its messages go to our stderr.
+Result<std::string> OutputOf(const std::vector<std::string>& words,
+                             std::vector<std::string> variables = VariablesForSlurm()) {
   ProgramWithOutput program;
-  const int error = StartWithOutput(words.front(), words, &program);
+  const int error = StartWithOutput(words.front(), words, &program, std::move(variables));
   if (error != 0) {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("cannot start Slurm's {}: {}; submit from a machine of the cluster",
-                              program_name, std::strerror(error)));
+                              words.front(), std::strerror(error)));
   }
   const Deadline deadline = Deadline::AfterMs(kSlurmDeadlineMs);
   std::string output;
@@ -149,7 +143,7 @@ Result<std::string> OutputOf(std::vector<std::string> words,
     output.append(bytes.data(), static_cast<size_t>(count));
   }
   if (WaitForExit(program.process_id, deadline) == 0) return output;
-  return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", program_name));
+  return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", words.front()));
 }
 
 // "" for the first block, "+1001" for the one that begins with run 1001.
@@ -274,8 +268,7 @@ Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t run
     names += "," + name + SuffixOf(first);
   }
   B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"squeue", "--array", "--noheader",
-                                                             "--format=%K %j", "--name=" + names},
-                                                            VariablesInTheWay({})));
+                                                             "--format=%K %j", "--name=" + names}));
   std::set<uint64_t> indices;
   for (const std::string_view line : LinesOf(output)) {
     const auto task = LeadingNumber(line);
@@ -289,7 +282,7 @@ Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t run
 Result<std::string> SubmitScript(const std::string& path,
                                  const std::vector<std::string>& sbatch_options) {
   B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"sbatch", "--parsable", path},
-                                                            VariablesInTheWay(sbatch_options)));
+                                                            VariablesForSlurm(sbatch_options)));
   return output.substr(0, output.find_first_of(";\n"));
 }
 

@@ -13,8 +13,8 @@ namespace b4mrl {
 // folder cannot be listed.
 Result<std::vector<std::string>> FilesIn(const std::string& folder, std::string_view extension);
 // The same of the folder and those inside it, eight deep, also behind links: clusters keep what is
-// large elsewhere. A folder to which several ways lead is listed once, by
-// the shortest.
+// large elsewhere. A folder to which several ways lead is listed once, by the
+// shortest.
 Result<std::vector<std::string>> FilesBelow(const std::string& folder, std::string_view extension);
 
 }  // namespace b4mrl

@@ -17,7 +17,7 @@ constexpr size_t kMaxFileBytes = 1 << 20;
 // megabyte of them would overflow the stack. Values that nest it bounds itself.
 constexpr int kMaxKeyParts = 16;
 
-// The text from `at` on, which begins with a quote, without the quoted text.
+// A text that begins with a quote, without what is quoted.
 std::string_view SkipQuoted(std::string_view rest) {
   const char quote = rest[0];
   const std::string_view triple = quote == '"' ? R"(""")" : "'''";

@@ -82,8 +82,8 @@ namespace {
 
 // Starts a program with these descriptors as its stdin and stdout, and no other beside stderr.
 // `flags` are those of posix_spawnattr_setflags, to which this adds one. Returns 0 or an errno.
-int Spawn(const std::string& program, std::vector<std::string> words, int input, int output,
-          short flags, pid_t* process_id) {
+int Spawn(const std::string& program, std::vector<std::string> words, char* const* variables,
+          int input, int output, short flags, pid_t* process_id) {
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_adddup2(&actions, input, STDIN_FILENO);
@@ -99,7 +99,7 @@ int Spawn(const std::string& program, std::vector<std::string> words, int input,
   posix_spawnattr_setflags(&attributes, static_cast<short>(flags | POSIX_SPAWN_SETSIGDEF));
   const std::vector<char*> argv = PointersTo(words);
   const int error =
-      posix_spawnp(process_id, program.c_str(), &actions, &attributes, argv.data(), environ);
+      posix_spawnp(process_id, program.c_str(), &actions, &attributes, argv.data(), variables);
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   return error;
@@ -113,18 +113,20 @@ int StartOnSocket(const std::string& program, std::vector<std::string> words,
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) return errno;
   started->socket = UniqueFd(ends[0]);
   const UniqueFd theirs(ends[1]);
-  return Spawn(program, std::move(words), theirs.get(), STDERR_FILENO, 0, &started->process_id);
+  return Spawn(program, std::move(words), environ, theirs.get(), STDERR_FILENO, 0,
+               &started->process_id);
 }
 
 int StartWithOutput(const std::string& program, std::vector<std::string> words,
-                    ProgramWithOutput* started) {
+                    ProgramWithOutput* started, std::optional<std::vector<std::string>> variables) {
   const UniqueFd nothing(open("/dev/null", O_RDONLY | O_CLOEXEC));
   std::array<int, 2> ends{};
   if (!nothing.valid() || pipe2(ends.data(), O_CLOEXEC) != 0) return errno;
   started->output = UniqueFd(ends[0]);
   const UniqueFd theirs(ends[1]);
-  return Spawn(program, std::move(words), nothing.get(), theirs.get(), POSIX_SPAWN_SETPGROUP,
-               &started->process_id);
+  const std::vector<char*> own = variables ? PointersTo(*variables) : std::vector<char*>();
+  return Spawn(program, std::move(words), variables ? own.data() : environ, nothing.get(),
+               theirs.get(), POSIX_SPAWN_SETPGROUP, &started->process_id);
 }
 
 Status WaitUntilReady(int fd, short events, const Deadline& deadline) {

@@ -5,6 +5,7 @@
 #include <sys/types.h>
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -48,10 +49,12 @@ struct ProgramWithOutput {
 };
 
 // Starts a program that reads nothing and whose stdout is read through a pipe; its stderr is ours.
-// It leads its own process group, so a terminal's interrupt reaches the calling process alone.
-// Returns 0, or the errno of the call that failed.
+// It leads its own process group, so a terminal's interrupt reaches the calling process alone. It
+// has these variables ("NAME=value"), or this process's. Returns 0, or the errno of the call that
+// failed.
 int StartWithOutput(const std::string& program, std::vector<std::string> words,
-                    ProgramWithOutput* started);
+                    ProgramWithOutput* started,
+                    std::optional<std::vector<std::string>> variables = {});
 
 // Sends all of `bytes` through a socket. kDeadlineExceeded, or kUnavailable if the other end is
 // closed.

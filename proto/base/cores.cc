@@ -8,6 +8,8 @@
 #include <cstdlib>
 #include <fstream>
 
+#include "proto/base/count.h"
+
 namespace b4mrl {
 namespace {
 
@@ -90,8 +92,8 @@ GroupLimits ReadGroupLimits(const std::string& root) {
 uint32_t ProcessorCount() {
   double cores = static_cast<double>(AvailableCores().size());
   const char* const granted = std::getenv("SLURM_CPUS_ON_NODE");
-  const double count = granted == nullptr ? 0 : std::strtod(granted, nullptr);
-  if (count >= 1) cores = std::min(cores, count);
+  const auto count = ParseCount(granted == nullptr ? "" : granted, 1, CPU_SETSIZE);
+  if (count.ok()) cores = std::min(cores, static_cast<double>(*count));
   return static_cast<uint32_t>(std::ceil(std::min(cores, ReadGroupLimits().processors)));
 }
 

@@ -101,6 +101,10 @@ Status CheckAddress(std::string_view address) {
   return is_host ? Status() : not_allowed;
 }
 
+bool IsOfOption(const Status& status) {
+  return status.code() == StatusCode::kInvalidArgument && status.message().starts_with("--");
+}
+
 Status UnknownOption(const CLI::App& app, std::string_view option,
                      const std::vector<std::string>& more) {
   std::vector<std::string> names = more;

@@ -33,6 +33,9 @@ Status CheckAddress(std::string_view address);
 Status UnknownOption(const CLI::App& app, std::string_view option,
                      const std::vector<std::string>& more = {});
 
+// Whether a value or a use of an option is refused: kInvalidArgument whose message begins with it.
+bool IsOfOption(const Status& status);
+
 // Parses the words behind the program's name. Returns nothing if the program is to go on, else its
 // exit code: help and the version are on stdout, or an error is on stderr, behind the name of
 // `app`. A word that is no command or no option is named, with the nearest one. "--name=" gives an

@@ -30,6 +30,12 @@ void AbsorbOutcome(LaneRecord record) {
   header.digest = Absorb(header.digest, outcome);
 }
 
+// Whether replies can carry what the lane shows: observations as float32 whatever the session's
+// dtype is, so that no result depends on it, and infos, which are always float64.
+bool IsReportable(LaneRecord record) {
+  return AllFitFloat32(record.observation()) && AllFinite(record.infos());
+}
+
 void CopyRecord(ConstLaneRecord from, LaneRecord to) {
   std::memcpy(to.bytes().data(), from.bytes().data(), from.bytes().size());
 }
@@ -94,7 +100,7 @@ Status LaneStepper::TryStart(Environment& environment, LaneRecord record) const 
   header.episode_return = 0;
   header.phase = LanePhase::kRunning;
   Observe(environment, record);
-  if (AllFitFloat32(record.observation()) && AllFinite(record.infos())) return Status();
+  if (IsReportable(record)) return Status();
   return Status(StatusCode::kInternal, "a start observation is not finite");
 }
 
@@ -192,10 +198,7 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
     Observe(environment, after);
   }
   const double new_return = header.episode_return + result.reward;
-  // Observations as float32 whatever the session's dtype is, so that no result depends on it. Infos
-  // and rewards are always float64.
-  if (simulated && AllFitFloat32(after.observation()) && AllFinite(after.infos()) &&
-      std::isfinite(new_return)) {
+  if (simulated && IsReportable(after) && std::isfinite(new_return)) {
     environment.SaveState(after.state());
     header.reward = result.reward;
     header.episode_return = new_return;
@@ -259,7 +262,7 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
   environment.SaveState(after.state());
   Observe(environment, after);
-  if (!AllFitFloat32(after.observation()) || !AllFinite(after.infos())) {
+  if (!IsReportable(after)) {
     return Status(StatusCode::kInvalidArgument, "the state's observation is not finite");
   }
   AbsorbOutcome(after);

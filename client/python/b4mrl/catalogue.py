@@ -17,15 +17,13 @@ def read(ask: Callable[[Any], Any], *, with_benchmarks: bool = False) -> Any:
 
     InternalError: the pages have more than 16 MiB.
     """
-    size = _Size()
     catalogue = _page(ask, 0, with_benchmarks)
-    size.add(catalogue)
     while (known := _entries(catalogue)) < catalogue.total:
         page = _page(ask, known, with_benchmarks)
         if _entries(page) == 0:
             break
-        size.add(page)
         catalogue.MergeFrom(page)
+        _check_size(catalogue.ByteSize())
     return catalogue
 
 
@@ -34,30 +32,24 @@ def read_datasets(ask: Callable[[Any], Any]) -> Iterator[descriptions.DatasetInf
 
     InternalError: the pages have more than 16 MiB.
     """
-    size = _Size()
-    known = 0
+    known = size = 0
     while True:
         request = Request()
         request.list_datasets.first = known
         request.list_datasets.SetInParent()
         page = ask(request).list_datasets
-        size.add(page)
+        size += page.ByteSize()
+        _check_size(size)
         yield from map(descriptions.read, page.datasets)
         known += len(page.datasets)
         if not page.datasets or known >= page.total:
             return
 
 
-class _Size:
+def _check_size(size: int) -> None:
     """Bounds the bytes of a list's pages, whatever number of entries the server claims."""
-
-    def __init__(self) -> None:
-        self._bytes = 0
-
-    def add(self, page: Any) -> None:
-        self._bytes += page.ByteSize()
-        if self._bytes > _MOST_BYTES:
-            raise InternalError(f"the server's list has more than {_MOST_BYTES} bytes")
+    if size > _MOST_BYTES:
+        raise InternalError(f"the server's list has more than {_MOST_BYTES} bytes")
 
 
 def _page(ask: Callable[[Any], Any], first: int, with_benchmarks: bool) -> Any:

@@ -61,6 +61,17 @@ TEST_CASE("A program's output is read to its end, and its input is empty") {
   CHECK(none.process_id == 0);
 }
 
+TEST_CASE("A program that is given variables has no others") {
+  ProgramWithOutput program;
+  const std::vector<std::string> variables = {"A=1", "B=2"};
+  REQUIRE(StartWithOutput("env", {"env"}, &program, variables) == 0);
+  std::string text;
+  char c = 0;
+  while (read(program.output.get(), &c, 1) == 1) text += c;
+  CHECK(text == "A=1\nB=2\n");
+  CHECK(WaitForExit(program.process_id, Deadline::AfterMs(kPatienceMs)) == 0);
+}
+
 TEST_CASE("A program is ended by files that grow too large, though this one is not") {
   const auto before = std::signal(SIGXFSZ, SIG_IGN);
   ProgramWithOutput program;

@@ -365,9 +365,8 @@ def write(folder: Path, info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path
         with unfinished.open("w", encoding="utf-8") as file:
             file.write(_text_of(entries))
             file.flush()
-            os.fsync(
-                file.fileno()
-            )  # else a machine that fails may leave an empty file of that name
+            # Else a machine that fails may leave an empty file of that name.
+            os.fsync(file.fileno())
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)

@@ -93,17 +93,16 @@ class SocketLink:
             self._half_received = True
             envelope = socket.recv(copy=False)
             payload = socket.recv(copy=False) if envelope.more else None
-            if len(envelope.buffer) > limits.MAX_ENVELOPE_BYTES:  # parsed, it may take much more
-                if payload is not None and payload.more:
-                    self._skip_frames()
+            has_more = payload is not None and payload.more
+            if has_more:
+                self._skip_frames()
+            # A longer envelope may take much more, once it is parsed.
+            if has_more or len(envelope.buffer) > limits.MAX_ENVELOPE_BYTES:
                 message = NOISE
             elif payload is None:
                 message = envelope.bytes, bytearray()
-            elif not payload.more:
-                message = envelope.bytes, bytearray(payload.buffer)
             else:
-                self._skip_frames()
-                message = NOISE
+                message = envelope.bytes, bytearray(payload.buffer)
             self._half_received = False
             return message
         except zmq.Again:
