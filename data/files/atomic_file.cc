@@ -3,11 +3,13 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdint>
 #include <cstdio>
 #include <utility>
 
@@ -17,10 +19,15 @@ namespace {
 // Such that no file of the user's has it.
 constexpr char kSuffix[] = ".b4mrl-tmp";
 
+// Whether a lock was refused with this error because the file system has none.
+bool MeansNoLocks(int error_number) {
+  return error_number == ENOSYS || error_number == ENOLCK || error_number == EOPNOTSUPP;
+}
+
 }  // namespace
 
-AtomicFile::AtomicFile(std::string path, UniqueFd fd)
-    : path_(std::move(path)), temporary_path_(path_ + kSuffix), fd_(std::move(fd)) {}
+AtomicFile::AtomicFile(std::string path, std::string temporary_path, UniqueFd fd)
+    : path_(std::move(path)), temporary_path_(std::move(temporary_path)), fd_(std::move(fd)) {}
 
 AtomicFile::~AtomicFile() {
   if (fd_.valid()) unlink(temporary_path_.c_str());
@@ -33,6 +40,11 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
     UniqueFd fd(open(temporary.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644));
     if (!fd.valid()) return IoError("create", temporary, errno);
     if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+      if (MeansNoLocks(errno)) {
+        // Nobody's, but where locks ran short for a moment: then it may be another writer's.
+        if (errno != ENOLCK) unlink(temporary.c_str());
+        return CreateWithoutLock(path, mode);
+      }
       if (errno != EWOULDBLOCK) return IoError("lock", temporary, errno);
       return Status(StatusCode::kBusy, fmt::format("another process is writing {}", path));
     }
@@ -40,9 +52,21 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
     if (!StillNamed(fd.get(), temporary)) continue;
     if (ftruncate(fd.get(), 0) != 0) return IoError("truncate", temporary, errno);
     if (mode && fchmod(fd.get(), *mode) != 0) return IoError("set the mode of", temporary, errno);
-    return AtomicFile(path, std::move(fd));
+    return AtomicFile(path, temporary, std::move(fd));
   }
   return Status(StatusCode::kBusy, fmt::format("other processes keep replacing {}", path));
+}
+
+Result<AtomicFile> AtomicFile::CreateWithoutLock(const std::string& path,
+                                                 std::optional<mode_t> mode) {
+  uint64_t drawn = 0;
+  (void)!getrandom(&drawn, sizeof(drawn), 0);  // never shortened (getrandom(2))
+  const std::string temporary = fmt::format("{}{}-{:016x}", path, kSuffix, drawn);
+  UniqueFd fd(open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
+  if (!fd.valid()) return IoError("create", temporary, errno);
+  AtomicFile file(path, temporary, std::move(fd));
+  if (mode && fchmod(file.fd(), *mode) != 0) return IoError("set the mode of", temporary, errno);
+  return file;
 }
 
 bool StillNamed(int fd, const std::string& path) {

@@ -3,7 +3,9 @@
 // Bytes go to "<path>.b4mrl-tmp"; Commit flushes and fsyncs them, renames the file into place and
 // fsyncs the folder. Destroyed before Commit, the temporary file is removed; left behind by a
 // killed process, it is overwritten by the next writer. A lock on the temporary file refuses a
-// second writer (kBusy). Thread rule: one thread. Ownership: owns the descriptor until destruction.
+// second writer (kBusy). On a file system without locks, every writer has a temporary file of its
+// own, "<path>.b4mrl-tmp-<random>": the last to commit wins, and what a killed one leaves stays.
+// Thread rule: one thread. Ownership: owns the descriptor until destruction.
 // Errors: kIoError with path and reason (full disk, permissions, missing folder), kBusy;
 // kFailedPrecondition if a file is there that is to be kept.
 #pragma once
@@ -39,7 +41,8 @@ class AtomicFile {
   Status Commit(Existing existing = Existing::kReplace);
 
  private:
-  AtomicFile(std::string path, UniqueFd fd);
+  AtomicFile(std::string path, std::string temporary_path, UniqueFd fd);
+  static Result<AtomicFile> CreateWithoutLock(const std::string& path, std::optional<mode_t> mode);
 
   std::string path_;
   std::string temporary_path_;
@@ -48,7 +51,7 @@ class AtomicFile {
 
 // Whether `path` still names the file of `fd`.
 bool StillNamed(int fd, const std::string& path);
-// Whether an AtomicFile of this path is open, in any process.
+// Whether an AtomicFile of this path is open, in any process. Without locks, never.
 bool IsBeingWritten(const std::string& path);
 // Renames without replacing anything: -1, with errno EEXIST, if there is something at `to`. Where
 // the file system cannot do that, as NFS, what appears between the look and the rename is replaced.

@@ -60,8 +60,9 @@ class CacheFolder {
   // need. kLimitExceeded if those alone take more bytes.
   Status MakeRoom() const;
   // Removes them until the disk has room for a cache of `bytes`, whose writing ended with
-  // `failure`. What a quota has room for is not known, so if that was full, as many bytes of them
-  // are removed. Returns whether any was removed, so that what failed may be tried again.
+  // `failure`, if that says that the disk or a quota is full. What a quota has room for is not
+  // known, so if that was full, as many bytes of them are removed. Returns whether any was removed,
+  // so that what failed may be tried again.
   bool MakeRoomOnDisk(uint64_t bytes, const Status& failure) const;
   // Removes the unfinished caches that nobody makes any more, and the files of locks that nobody
   // holds.

@@ -74,14 +74,15 @@ Status AppendCorrupted(const TransitionColumns& source, const RowCorruption& cor
     for (uint64_t i = 0; i < block.rows; ++i) {
       const uint64_t row = first + i;
       const std::span<float> next = row_of(next_observations, i);
-      const bool last = EndsEpisode(source.terminals, source.timeouts, row);
-      if (!last && i + 1 < block.rows && SameBits(next, old.subspan((i + 1) * size, size))) {
+      const bool is_next_rows = row + 1 < source.rows &&
+                                SameBits(next, source.observations.subspan((row + 1) * size, size));
+      if (is_next_rows && i + 1 < block.rows) {
         // The state is that of the next row, whose perturbed observation is there already.
         std::ranges::copy(row_of(observations, i + 1), next.begin());
-      } else if (last) {
-        perturber.Apply(DrawContext::Kind::kDatasetLastRow, row, next);
-      } else {
+      } else if (is_next_rows || !EndsEpisode(source.terminals, source.timeouts, row)) {
         perturber.Apply(DrawContext::Kind::kDataset, row + 1, next);
+      } else {
+        perturber.Apply(DrawContext::Kind::kDatasetLastRow, row, next);
       }
     }
     block.observations = observations;

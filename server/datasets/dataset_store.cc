@@ -166,7 +166,7 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
   auto& [imported, dataset] = found;
   if (dataset == nullptr) {
     Result<ImportedFile> made = ImportFile(file, key, cancelled);
-    if (made.status().code() == StatusCode::kIoError &&
+    if (!made.ok() &&
         cache_.MakeRoomOnDisk(StoredBytesOf(file.path) * kUsualExpansion, made.status())) {
       made = ImportFile(file, key, cancelled);
     }
@@ -253,7 +253,7 @@ Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerp
     return builder.Commit();
   };
   Status made = make();
-  if (made.code() == StatusCode::kIoError && cache_.MakeRoomOnDisk(bytes, made)) made = make();
+  if (!made.ok() && cache_.MakeRoomOnDisk(bytes, made)) made = make();
   B4MRL_RETURN_IF_ERROR(made);
   B4MRL_ASSIGN_OR_RETURN(*dataset, Admit(fingerprint));
   return Status();
@@ -339,7 +339,11 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
   opened.source_bytes = dataset->cache().bytes();
   opened.source_fingerprint = file.fingerprint;
   opened.source = dataset;
-  opened.fingerprint = DerivedFingerprint(file.fingerprint, text, opened.seed, applied_rule);
+  DerivedRows derived = {text, opened.seed};
+  if (corruption.draws) derived.hidden = provenance.hidden_dimensions;
+  const std::string corrupted = DerivedFingerprint(file.fingerprint, derived);
+  derived.rule = applied_rule;
+  opened.fingerprint = DerivedFingerprint(file.fingerprint, derived);
 
   if (!corruption.set.empty()) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {
@@ -350,9 +354,7 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
                              {corruption.set, opened.seed, matrix, provenance.hidden_dimensions},
                              cancelled, builder);
     };
-    const std::string fingerprint =
-        DerivedFingerprint(file.fingerprint, text, opened.seed, TransitionRule::kStored);
-    B4MRL_RETURN_IF_ERROR(Replace(&dataset, fingerprint, if_missing, cancelled, derive));
+    B4MRL_RETURN_IF_ERROR(Replace(&dataset, corrupted, if_missing, cancelled, derive));
   }
   if (applied_rule == TransitionRule::kD4rl && dataset != nullptr) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {

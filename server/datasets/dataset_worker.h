@@ -2,7 +2,7 @@
 //
 // It never opens HDF5: a short-lived importer process (importer.h) turns a file into a column
 // cache, and the dataset worker maps such caches, read-only. A corrupted dataset is another column
-// cache, a pure function of (file hash, corruptions, seed). Both live in DATA/.cache/<fingerprint>,
+// cache, a pure function of (rows, corruptions, seed). Both live in DATA/.cache/<fingerprint>,
 // and Sample, Read and DatasetStats name the fingerprint, so a worker that was killed and started
 // again serves them with no other state.
 //

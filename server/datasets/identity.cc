@@ -1,6 +1,7 @@
 #include "server/datasets/identity.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <charconv>
 #include <nlohmann/json.hpp>
@@ -27,11 +28,12 @@ std::string ImportedFingerprint(const std::string& environment, const std::strin
                      text.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
-std::string DerivedFingerprint(const std::string& fingerprint, const std::string& corruptions,
-                               uint64_t seed, TransitionRule rule) {
-  if (corruptions.empty() && rule == TransitionRule::kStored) return fingerprint;
-  return Fingerprint(fmt::format("b4mrl derived dataset 2\n{}\n{}\n{}\n{}\n", fingerprint,
-                                 corruptions, seed, TransitionRuleName(rule)));
+std::string DerivedFingerprint(const std::string& fingerprint, const DerivedRows& rows) {
+  if (rows.corruptions.empty() && rows.rule == TransitionRule::kStored) return fingerprint;
+  std::string text = fmt::format("b4mrl derived dataset 2\n{}\n{}\n{}\n{}\n", fingerprint,
+                                 rows.corruptions, rows.seed, TransitionRuleName(rows.rule));
+  if (!rows.hidden.empty()) text += fmt::format("hidden {}\n", fmt::join(rows.hidden, " "));
+  return Fingerprint(text);
 }
 
 uint64_t NoiseMatrix(const std::string& environment, const std::string& columns_sha256) {

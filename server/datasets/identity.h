@@ -1,6 +1,7 @@
 // What identifies a dataset and its noise: its rows, and the environment in which they were
-// recorded. Neither depends on the file's name, its metadata, its compression or its transition
-// rule's name, so a file that is written again with equal rows is the same dataset.
+// recorded. Neither depends on the file's name, its compression or its transition rule's name, so a
+// file that is written again with equal rows is the same dataset. Of its metadata, only the hidden
+// dimensions count, where noise would fall on them.
 //
 // A fingerprint, 32 hexadecimal digits, names a column cache: a hash of all that the cache serves.
 // Pure functions; any thread.
@@ -8,6 +9,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "data/columns/column_cache.h"
 #include "data/columns/episodes.h"
@@ -23,11 +25,17 @@ std::string VersionedEnvironment(const std::string& environment);
 std::string ImportedFingerprint(const std::string& environment, const std::string& columns_sha256,
                                 const CacheProperties& properties);
 
-// The fingerprint of what `corruptions`, in parametric form, and then `rule` make of a dataset.
-// Without corruptions and under the rule stored, it is the dataset's own. `seed` is 0 where the
-// corruptions draw no numbers.
-std::string DerivedFingerprint(const std::string& fingerprint, const std::string& corruptions,
-                               uint64_t seed, TransitionRule rule);
+// What is made of a dataset: its rows corrupted, then read by the rule.
+struct DerivedRows {
+  std::string corruptions;  // in parametric form
+  uint64_t seed = 0;        // 0 where the corruptions draw no numbers
+  TransitionRule rule = TransitionRule::kStored;
+  // Dimensions that the dataset hides, which stay 0 under noise: a file with equal rows need not
+  // say that it hides them. Empty where the corruptions draw no numbers.
+  std::vector<uint32_t> hidden = {};
+};
+// Its fingerprint; the dataset's own where nothing changes.
+std::string DerivedFingerprint(const std::string& fingerprint, const DerivedRows& rows);
 
 // Which noise matrix the dataset has (DrawContext::major), from its environment with version and
 // the hash of its columns.

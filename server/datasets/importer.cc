@@ -1,12 +1,14 @@
 #include "server/datasets/importer.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "data/files/stored_bytes.h"
@@ -30,6 +32,20 @@ constexpr uint64_t kFileBytesPerCpuSecond = 4ull << 20;
 constexpr uint64_t kMaxExpansion = 64;
 constexpr uint64_t kMinCacheFileBytes = 1ull << 30;
 
+// Of a file that is larger than the sandbox lets one be, the reason, which lies in what is
+// imported: it would be as large the next time. `status` is another error, or OK.
+Status WithoutTooLargeFile(const Status& status, const SandboxOptions& sandbox) {
+  const bool is_too_large =
+      status.code() == StatusCode::kIoError && status.message().ends_with(std::strerror(EFBIG));
+  if (!is_too_large) return status;
+  return Status(
+      StatusCode::kLimitExceeded,
+      fmt::format("{}; one file of its cache takes more than {} bytes, allowed: {} times "
+                  "the bytes that the file stores, {} at least, and what all caches may "
+                  "take at most",
+                  status.message(), sandbox.file_bytes, kMaxExpansion, kMinCacheFileBytes));
+}
+
 Result<ImportedDataset> ImportInSandbox(const ImporterOptions& options) {
   const UniqueFd fd(open(options.file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (!fd.valid()) return IoError("open", options.file, errno);
@@ -48,7 +64,10 @@ Result<ImportedDataset> ImportInSandbox(const ImporterOptions& options) {
   sandbox.descriptors = kMaxDescriptors;
   sandbox.alone = true;
   B4MRL_RETURN_IF_ERROR(EnterSandbox(sandbox));
-  return ImportDataset(options.file, ImportedCachePath(options.folder), options.max_cache_bytes);
+  Result<ImportedDataset> imported =
+      ImportDataset(options.file, ImportedCachePath(options.folder), options.max_cache_bytes);
+  if (!imported.ok()) return WithoutTooLargeFile(imported.status(), sandbox);
+  return imported;
 }
 
 std::string Answer(const Result<ImportedDataset>& imported) {

@@ -5,7 +5,8 @@
 // file size and descriptors, no new privileges, and (Linux 5.13 or later, Landlock) no access to
 // the file system beyond reading the one file and writing into the one folder that was made for
 // this import. Its limits on time and size follow the bytes that the file stores, without its
-// holes. It prints one JSON line on stdout:
+// holes; where a file of the cache would become too large, the answer is kLimitExceeded. It prints
+// one JSON line on stdout:
 //   {"ok": true, "rows": 1000000, "behaviour_policy": "SAC", "infers_timeouts": false,
 //    "provenance": {...}}
 //   {"ok": false, "code": 12, "message": "..."}

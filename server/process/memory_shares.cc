@@ -7,6 +7,9 @@
 namespace b4mrl {
 namespace {
 
+// Of all Renders that may wait in a worker, each of the largest.
+constexpr size_t kMaxPictureBytesOfAll = limits::kMaxRenderRequests * limits::kMaxPayloadBytes;
+
 size_t AtMost(size_t most, uint64_t share) {
   return static_cast<size_t>(std::min<uint64_t>(most, share));
 }
@@ -19,10 +22,11 @@ UnreadLimits UnreadOf(uint64_t share) {
 }  // namespace
 
 WorkerShares WorkerSharesOf(uint64_t allowed_bytes) {
-  return {.simulators = allowed_bytes / 4 * 3,
+  return {.simulators = allowed_bytes / 16 * 11,
           .unread = UnreadOf(allowed_bytes / 8),
           .requests = AtMost(limits::kMaxQueuedBytes, allowed_bytes / 16),
-          .unfinished = AtMost(limits::kMaxQueuedBytes, allowed_bytes / 16)};
+          .unfinished = AtMost(limits::kMaxQueuedBytes, allowed_bytes / 16),
+          .pictures = AtMost(kMaxPictureBytesOfAll, allowed_bytes / 16)};
 }
 
 GatewayShares GatewaySharesOf(uint64_t allowed_bytes) {

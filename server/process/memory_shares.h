@@ -2,7 +2,7 @@
 // beyond which the supervisor replaces it: what a process holds for clients must not bring that
 // about. What ZeroMQ is still receiving for it has no share (SECURITY.md). All shares are bytes;
 // those of a process are the allowed memory at most, and none exceeds what proto/base/limits.h
-// says. Pure functions; any thread.
+// says. Functions are pure; any thread.
 #pragma once
 
 #include <cstddef>
@@ -19,6 +19,7 @@ struct WorkerShares {
   UnreadLimits unread;  // replies that clients have not read, whatever way they go
   size_t requests;      // payloads of requests under way
   size_t unfinished;    // messages of local doors that have not come entirely
+  size_t pictures;      // replies to Renders under way
 };
 WorkerShares WorkerSharesOf(uint64_t allowed_bytes);
 
@@ -39,5 +40,25 @@ DatasetWorkerShares DatasetWorkerSharesOf(uint64_t allowed_bytes);
 inline bool FitsShare(size_t held, size_t more, size_t share) {
   return held == 0 || held + more <= share;
 }
+
+// A share from which several holders take. Thread rule: one thread.
+class SharedBytes {
+ public:
+  explicit SharedBytes(size_t share) : share_(share) {}
+
+  size_t share() const { return share_; }
+  size_t held() const { return held_; }
+  // Holds `bytes` more, if they fit; else returns false. Give back what was taken.
+  bool Take(size_t bytes) {
+    if (!FitsShare(held_, bytes, share_)) return false;
+    held_ += bytes;
+    return true;
+  }
+  void GiveBack(size_t bytes) { held_ -= bytes; }
+
+ private:
+  size_t share_;
+  size_t held_ = 0;
+};
 
 }  // namespace b4mrl

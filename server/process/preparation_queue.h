@@ -6,9 +6,10 @@
 // Otherwise it is cancelled and later starts anew in a place for long work, with a turn four times
 // as long, after which the same rule holds. So a short job waits for few turns, whatever other
 // clients want, and no job has to wait for the end of a long one. Of the waiting jobs, those go
-// first whose clients have the fewest running jobs, of these the smallest, of these the oldest.
-// Requests of one key share a job. A job that has not started is dropped as soon as none of its
-// requests waits for it any more.
+// first whose clients have the fewest running jobs, of these the smallest, of these the oldest; but
+// every fourth that starts is the oldest, so that no stream of small ones makes a large one wait
+// for ever. Requests of one key share a job. A job that has not started is dropped as soon as none
+// of its requests waits for it any more.
 //
 // Thread rule: all members belong to the loop's thread; the work runs on the queue's threads.
 // Destruction cancels what runs, waits for its end, and drops the rest.
@@ -72,6 +73,8 @@ class PreparationQueue {
   // The turn of a job grows by this factor from one start to the next, so that the work that is
   // thrown away adds up to a third of the last turn.
   static constexpr int64_t kTurnGrowth = 4;
+  // Of so many starts in places of a kind, one is the oldest job's.
+  static constexpr uint64_t kStartsPerOldest = 4;
 
   struct Job {
     uint64_t number = 0;  // in the order of arrival
@@ -94,7 +97,7 @@ class PreparationQueue {
   size_t CountRunningOf(const Job& job) const;
   // Whether the job waits and its clients have fewer running jobs than they may have.
   bool MayStart(const Job& job) const;
-  // The job that starts next of those that may; the end of jobs_ if none may.
+  // The job that starts next of those of a kind that may; the end of jobs_ if none may.
   typename Jobs::iterator NextWaiting(bool is_long);
   void DropUnwanted();
   void Start(Job* job);
@@ -104,6 +107,7 @@ class PreparationQueue {
   const Limits limits_;
   const int64_t short_ms_;
   uint64_t next_number_ = 0;
+  std::array<uint64_t, 2> starts_ = {};  // of short and of long jobs
   Jobs jobs_;
   std::vector<BackgroundThread*> free_;
   std::vector<std::unique_ptr<BackgroundThread>> places_;
@@ -216,8 +220,10 @@ bool PreparationQueue<Product>::MayStart(const Job& job) const {
 
 template <typename Product>
 auto PreparationQueue<Product>::NextWaiting(bool is_long) -> typename Jobs::iterator {
+  const bool takes_oldest = (starts_[is_long] + 1) % kStartsPerOldest == 0;
   const auto rank = [&](const Job& job) {
-    return std::tuple(CountRunningOf(job), job.bytes, job.number);
+    return takes_oldest ? std::tuple(size_t{0}, uint64_t{0}, job.number)
+                        : std::tuple(CountRunningOf(job), job.bytes, job.number);
   };
   auto next = jobs_.end();
   for (auto job = jobs_.begin(); job != jobs_.end(); ++job) {
@@ -229,6 +235,7 @@ auto PreparationQueue<Product>::NextWaiting(bool is_long) -> typename Jobs::iter
 
 template <typename Product>
 void PreparationQueue<Product>::Start(Job* job) {
+  ++starts_[job->is_long];
   job->place = free_.back();
   free_.pop_back();
   job->cancelled = std::make_shared<std::atomic<bool>>(false);

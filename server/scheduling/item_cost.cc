@@ -14,28 +14,51 @@ constexpr double kShortestPieceUs = 20;  // handing out a piece takes a microsec
 constexpr double kShortestItemUs = 0.1;
 constexpr double kPatience = 4;  // times what a piece was meant to take
 // An average hides single items that take a thousand times as long, with which a client could keep
-// the socket's thread. After one of them the thread leaves all items to the pool for a while.
+// the socket's thread. After one of them the thread leaves all items to the pool for a hundred
+// times as long, so such items get a hundredth of it. An item that a busy machine has interrupted
+// seems long too, so those below kMuchTooLongUs count once the processor time of another one proves
+// them.
+constexpr double kTooLongUs = 2'000;
 constexpr double kMuchTooLongUs = 100'000;
-constexpr std::chrono::seconds kLong(10);
+constexpr double kTimesAsLong = 100;
+constexpr std::chrono::seconds kWatch(1);
+
+bool IsBefore(const std::atomic<Clock::time_point>& end) {
+  const Clock::time_point until = end.load(std::memory_order_relaxed);
+  return until != Clock::time_point() && Clock::now() < until;
+}
 
 }  // namespace
 
-void ItemCost::Observe(double us_per_item) {
-  NoteLongItem(us_per_item);
+void ItemCost::Observe(double us_per_item, std::optional<double> processor_us_per_item) {
+  NoteLongItem(us_per_item, processor_us_per_item);
   Learn(us_per_item);
-  if (is_suspected()) suspected_.store(false, std::memory_order_relaxed);
+  if (suspected_.load(std::memory_order_relaxed)) {
+    suspected_.store(false, std::memory_order_relaxed);
+  }
 }
 
 void ItemCost::ObserveOverrun(const Overrun& overrun) {
-  NoteLongItem(overrun.last_item_us);
+  NoteLongItem(overrun.last_item_us, overrun.processor_us_per_item);
   Learn(overrun.us_per_item);
   suspected_.store(true, std::memory_order_relaxed);
   const double proven = overrun.processor_us_per_item.value_or(0);
   if (proven > Expect(1)) us_.store(static_cast<float>(proven), std::memory_order_relaxed);
 }
 
-void ItemCost::NoteLongItem(double us) {
-  if (us > kMuchTooLongUs) long_until_.store(Clock::now() + kLong, std::memory_order_relaxed);
+bool ItemCost::is_suspected() const {
+  return suspected_.load(std::memory_order_relaxed) || IsBefore(watched_until_);
+}
+
+void ItemCost::NoteLongItem(double us, std::optional<double> processor_us) {
+  if (us <= kTooLongUs) return;
+  Clock::time_point until = Clock::now();
+  if (const double proven = us > kMuchTooLongUs ? us : processor_us.value_or(0);
+      proven > kTooLongUs) {
+    until += std::chrono::microseconds(static_cast<int64_t>(kTimesAsLong * proven));
+    long_until_.store(until, std::memory_order_relaxed);
+  }
+  watched_until_.store(until + kWatch, std::memory_order_relaxed);
 }
 
 void ItemCost::Learn(double us_per_item) {
@@ -72,9 +95,7 @@ uint32_t ItemCost::ItemsPerPiece(uint32_t left, uint32_t threads) const {
 uint32_t ItemCost::ItemsPerBite() const { return ItemsIn(kBiteUs); }
 
 bool ItemCost::too_long_for_bites() const {
-  if (Expect(1) == 0 || Expect(1) > kPieceUs) return true;
-  const Clock::time_point until = long_until_.load(std::memory_order_relaxed);
-  return until != Clock::time_point() && Clock::now() < until;
+  return Expect(1) == 0 || Expect(1) > kPieceUs || IsBefore(long_until_);
 }
 
 uint32_t ItemCost::ItemsIn(double duration_us) const {

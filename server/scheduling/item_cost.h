@@ -12,8 +12,9 @@ namespace b4mrl {
 
 class ItemCost {
  public:
-  // Learns from executed items, which took `us_per_item` microseconds each.
-  void Observe(double us_per_item);
+  // Learns from executed items, which took `us_per_item` microseconds each, and
+  // `processor_us_per_item` of the processor, where that was measured.
+  void Observe(double us_per_item, std::optional<double> processor_us_per_item = {});
   // A piece that was ended early, because it took several times as long as it was meant to.
   struct Overrun {
     double us_per_item = 0;  // had the rest of the piece taken what was expected of it
@@ -25,9 +26,9 @@ class ItemCost {
   // such piece counts as any other and raises a suspicion. A second one whose processor time was
   // measured has no other reason than its items, and the cost follows at once.
   void ObserveOverrun(const Overrun& overrun);
-  // Whether the last piece was ended early, so that the processor time of the next one should be
-  // measured.
-  bool is_suspected() const { return suspected_.load(std::memory_order_relaxed); }
+  // Whether the last piece was ended early, or an item has taken more than 2 ms in the last second,
+  // so that the processor time of the next piece should be measured.
+  bool is_suspected() const;
   // How long a piece of `items` may go on beginning items: four times as long as it is expected to
   // take, and from 0.4 to 2 ms.
   std::chrono::microseconds LongestPiece(uint32_t items) const;
@@ -42,17 +43,19 @@ class ItemCost {
   // How many items the socket's thread executes between two looks at the socket: 0.1 ms of work.
   uint32_t ItemsPerBite() const;
   // Whether one item alone might keep messages waiting for longer than 0.5 ms: an item takes
-  // longer, none has been measured yet, or one has taken more than 0.1 s in the last ten seconds.
+  // longer, none has been measured yet, or one has taken more than 2 ms of the processor, or 0.1 s
+  // by the clock, in the last time that is a hundred times as long.
   bool too_long_for_bites() const;
 
  private:
   uint32_t ItemsIn(double duration_us) const;
   // Moves the average towards what an item took.
   void Learn(double us_per_item);
-  void NoteLongItem(double us);
+  void NoteLongItem(double us, std::optional<double> processor_us);
 
   std::atomic<float> us_{0};  // 0 before the first Observe
   std::atomic<Clock::time_point> long_until_{Clock::time_point()};
+  std::atomic<Clock::time_point> watched_until_{Clock::time_point()};
   std::atomic<bool> suspected_{false};
 };
 

@@ -58,7 +58,7 @@ void ClearOutcome(LaneHeader& header) {
 }  // namespace
 
 Result<LaneStepper> LaneStepper::Create(std::shared_ptr<const Simulator> simulator,
-                                        AutoresetMode mode) {
+                                        AutoresetMode mode, StartCheck check) {
   const EnvironmentSpec& spec = simulator->spec();
   const LaneLayout layout = {simulator->state_size(), simulator->perturbation_state_size(),
                              spec.observation.size(), spec.info_names.size()};
@@ -71,7 +71,7 @@ Result<LaneStepper> LaneStepper::Create(std::shared_ptr<const Simulator> simulat
     return InvalidNumber(numbers, static_cast<double>(layout.bytes()),
                          fmt::format("at most {}", limits::kLaneBufferBytes));
   }
-  B4MRL_RETURN_IF_ERROR(simulator->CheckStart());
+  if (check == StartCheck::kDone) B4MRL_RETURN_IF_ERROR(simulator->CheckStart());
   return LaneStepper(std::move(simulator), mode, layout);
 }
 

@@ -33,10 +33,15 @@ namespace b4mrl {
 // The number type in which the client sent an action.
 enum class ActionPrecision { kFloat64, kFloat32 };
 
+// Whether Simulator::CheckStart, which makes a step, has its say. Sessions whose episodes are
+// played already are taken over without it.
+enum class StartCheck { kDone, kSkipped };
+
 class LaneStepper {
  public:
-  // kInvalidArgument if a record would not fit limits::kLaneBufferBytes.
-  static Result<LaneStepper> Create(std::shared_ptr<const Simulator> simulator, AutoresetMode mode);
+  // kInvalidArgument if a record would not fit limits::kLaneBufferBytes; errors of `check`.
+  static Result<LaneStepper> Create(std::shared_ptr<const Simulator> simulator, AutoresetMode mode,
+                                    StartCheck check = StartCheck::kDone);
 
   const Simulator& simulator() const { return *simulator_; }
   const EnvironmentSpec& spec() const { return simulator_->spec(); }

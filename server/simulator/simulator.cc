@@ -133,6 +133,15 @@ Status Simulator::DrawParameters(Environment& environment, const DrawContext& co
   return environment.SetParameters(parameters);
 }
 
+Status Simulator::CheckStart() const {
+  const std::lock_guard lock(start_mutex_);
+  if (start_) return *start_;
+  const Status found = model_->CheckStart();
+  // Memory that is refused for the moment says nothing of the model.
+  if (found.ok() || found.code() == StatusCode::kInvalidArgument) start_ = found;
+  return found;
+}
+
 Status Simulator::CheckQueryable() const {
   B4MRL_RETURN_IF_ERROR(model_->CheckQueryable());
   for (const auto& perturbation : perturbations_.members()) {

@@ -8,6 +8,7 @@
 
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -96,8 +97,9 @@ class Simulator {
     return DrawParameters(environment, {DrawContext::Kind::kEpisode, lane_seed, episode, 0});
   }
 
-  // OK when episodes can be played (EnvironmentModel::CheckStart); else the reason.
-  Status CheckStart() const { return model_->CheckStart(); }
+  // OK when episodes can be played (EnvironmentModel::CheckStart); else the reason. Tried out at
+  // the first call and remembered.
+  Status CheckStart() const;
   // OK when every perturbation can be applied to single transitions; else the reason.
   Status CheckQueryable() const;
   // Computes one row of T_sim with the perturbations applied, which must be queryable. Sizes as in
@@ -119,6 +121,8 @@ class Simulator {
   uint64_t identity_hash_ = 0;
   size_t state_size_ = 0;
   size_t environment_bytes_ = 0;
+  mutable std::mutex start_mutex_;
+  mutable std::optional<Status> start_;  // what CheckStart has found; under start_mutex_
   mutable std::mutex mutex_;
   mutable std::vector<std::unique_ptr<Environment>> pool_;
 };

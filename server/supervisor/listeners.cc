@@ -1,9 +1,11 @@
 #include "server/supervisor/listeners.h"
 
 #include <arpa/inet.h>
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <netdb.h>
 #include <netinet/in.h>
+#include <sys/file.h>
 #include <sys/random.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -15,6 +17,7 @@
 #include <chrono>
 #include <cstring>
 #include <filesystem>
+#include <string_view>
 #include <system_error>
 #include <thread>
 
@@ -67,32 +70,56 @@ Result<UniqueFd> Listen(int type, const sockaddr* address, socklen_t size,
   return fd;
 }
 
-enum class SocketFile { kNone, kStale, kInUse };
+enum class FileState { kNone, kStale, kInUse };
 
 // Whether a process listens on a socket file, or it was left by a daemon that was killed.
-SocketFile StateOf(const sockaddr_un& address) {
+FileState StateOf(const sockaddr_un& address) {
   struct stat info {};
-  if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return SocketFile::kNone;
+  if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return FileState::kNone;
   // Waits for nobody: where the queue of a stopped daemon is full, the answer is EAGAIN.
   const UniqueFd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
   const bool is_refused =
       connect(probe.get(), generic, sizeof(address)) != 0 && errno == ECONNREFUSED;
-  return is_refused ? SocketFile::kStale : SocketFile::kInUse;
+  return is_refused ? FileState::kStale : FileState::kInUse;
 }
 
-// Removes a socket file that nobody listens on. The children of a killed daemon end moments after
-// it, and listen until then.
-void RemoveStaleSocketFile(const sockaddr_un& address) {
-  constexpr int64_t kPatienceMs = 1000;
-  constexpr std::chrono::milliseconds kBetweenTries(10);
+constexpr int64_t kPatienceMs = 1000;
+constexpr std::chrono::milliseconds kBetweenTries(10);
+
+// Waits until nobody listens on a socket file, for a second at most: the children of a killed
+// daemon end moments after it, and listen until then.
+void AwaitEndOfListening(const sockaddr_un& address) {
   const Deadline patience = Deadline::AfterMs(kPatienceMs);
-  SocketFile state = StateOf(address);
-  while (state == SocketFile::kInUse && !patience.expired()) {
+  while (StateOf(address) == FileState::kInUse && !patience.expired()) {
     std::this_thread::sleep_for(kBetweenTries);
-    state = StateOf(address);
   }
-  if (state == SocketFile::kStale) unlink(address.sun_path);
+}
+
+// A lock on the folder of a socket, in which daemons bind theirs and listen. Under it, a socket
+// file that nobody listens on is one that was left, not one that another daemon has just bound, and
+// no other daemon removes it first. Daemons hold it for a moment, so who still has it after a
+// second is none and needs no heed. On a file system without locks there is none.
+UniqueFd LockFolder(const std::string& folder) {
+  UniqueFd fd(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  const Deadline patience = Deadline::AfterMs(kPatienceMs);
+  while (fd.valid() && flock(fd.get(), LOCK_EX | LOCK_NB) != 0 &&
+         (errno == EWOULDBLOCK || errno == EINTR) && !patience.expired()) {
+    std::this_thread::sleep_for(kBetweenTries);
+  }
+  return fd;
+}
+
+sockaddr_un AddressOfFile(const std::string& checked_path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::memcpy(address.sun_path, checked_path.c_str(), checked_path.size() + 1);
+  return address;
+}
+
+// The folder part of an absolute path.
+std::string FolderOfSocket(const std::string& path) {
+  return path.substr(0, std::max<size_t>(path.rfind('/'), 1));
 }
 
 // The parsed addresses of --bind.
@@ -149,15 +176,19 @@ Status AddTcp(in_addr host, uint16_t port, std::vector<ListeningEndpoint>* to, u
   return Status();
 }
 
-Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
+Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to,
+              std::vector<SocketFile>* files) {
   const std::string name = "ipc://" + path;
   B4MRL_ASSIGN_OR_RETURN(const std::string checked, ParseIpcAddress(name));
-  sockaddr_un address{};
-  address.sun_family = AF_UNIX;
-  std::memcpy(address.sun_path, checked.c_str(), checked.size() + 1);
-  RemoveStaleSocketFile(address);
+  const sockaddr_un address = AddressOfFile(checked);
+  AwaitEndOfListening(address);
+  const UniqueFd lock = LockFolder(FolderOfSocket(checked));
+  if (StateOf(address) == FileState::kStale) unlink(address.sun_path);
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
   B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(SOCK_STREAM, generic, sizeof(address), name));
+  struct stat info {};
+  if (lstat(address.sun_path, &info) != 0) return IoError("listen on", name, errno);
+  files->push_back({checked, info.st_dev, info.st_ino});
   to->push_back({name, fd.Release()});
   return Status();
 }
@@ -165,7 +196,8 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
 // Opens the listeners of one worker: at the gateway's port + `offset`, and at its ipc path followed
 // by `suffix`.
 Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
-                 std::vector<ListeningEndpoint>* to, ChildOptions::Port* told) {
+                 std::vector<ListeningEndpoint>* to, ChildOptions::Port* told,
+                 std::vector<SocketFile>* files) {
   if (!plan.tcp.empty()) {
     const uint32_t base = plan.tcp.front().port;
     if (base + offset > 65535) {
@@ -182,7 +214,7 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
   }
   if (!plan.ipc.empty()) {
     told->ipc = plan.ipc.front() + suffix;
-    B4MRL_RETURN_IF_ERROR(AddIpc(told->ipc, to));
+    B4MRL_RETURN_IF_ERROR(AddIpc(told->ipc, to, files));
   }
   return Status();
 }
@@ -193,9 +225,11 @@ Status FillWorkers(const Plan& plan, uint32_t workers, Listeners* listeners) {
   listeners->worker_ports.resize(workers);
   for (uint32_t i = 0; i < workers; ++i) {
     B4MRL_RETURN_IF_ERROR(AddWorker(plan, i + 1, fmt::format(".worker-{}", i),
-                                    &listeners->workers[i], &listeners->worker_ports[i]));
+                                    &listeners->workers[i], &listeners->worker_ports[i],
+                                    &listeners->socket_files));
   }
-  return AddWorker(plan, workers + 1, ".dataset", &listeners->dataset, &listeners->dataset_port);
+  return AddWorker(plan, workers + 1, ".dataset", &listeners->dataset, &listeners->dataset_port,
+                   &listeners->socket_files);
 }
 
 // Opens the local doors of all workers.
@@ -222,13 +256,48 @@ void OwnFolderOf(const std::string& path, const std::string& data_folder, Listen
   listeners->private_data = data_folder == data ? data : "";
 }
 
+// Of the folder for the workers' sockets where no client is told of them.
+constexpr std::string_view kRelayFolder = "b4mrl-gateway";
+
+// Removes a folder if it is this user's and holds nothing but sockets that nobody listens on.
+void RemoveIfLeft(const std::filesystem::path& folder) {
+  struct stat info {};
+  if (lstat(folder.c_str(), &info) != 0 || !S_ISDIR(info.st_mode) || info.st_uid != geteuid()) {
+    return;
+  }
+  const UniqueFd lock = LockFolder(folder);
+  std::vector<sockaddr_un> left;
+  std::error_code error;
+  for (std::filesystem::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    const std::string path = it->path();
+    if (path.size() >= sizeof(sockaddr_un::sun_path)) return;
+    left.push_back(AddressOfFile(path));
+    if (StateOf(left.back()) != FileState::kStale) return;
+  }
+  if (error || left.empty()) return;  // without sockets, its daemon may be about to bind them
+  for (const sockaddr_un& address : left) unlink(address.sun_path);
+  rmdir(folder.c_str());
+}
+
+// Removes what killed daemons with --single-port have left in `parent`.
+void RemoveLeftRelayFolders(const std::string& parent) {
+  const std::string prefix = fmt::format("{}-", kRelayFolder);
+  std::error_code error;
+  for (std::filesystem::directory_iterator it(parent, error), end; !error && it != end;
+       it.increment(error)) {
+    const std::string name = it->path().filename();
+    if (name.starts_with(prefix)) RemoveIfLeft(it->path());
+  }
+}
+
 Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   for (const Plan::Tcp& tcp : plan.tcp) {
     B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, tcp.port, &listeners->gateway, nullptr));
     listeners->loopback_only &= IsLoopback(tcp.host);
   }
   for (const std::string& path : plan.ipc) {
-    B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
+    B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway, &listeners->socket_files));
     if (options.own_folder) OwnFolderOf(path, options.data_folder, listeners);
   }
   if (!options.single_port) {
@@ -237,7 +306,8 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   }
   plan.tcp.clear();
   if (plan.ipc.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakeTemporaryFolder("b4mrl-gateway"));
+    B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakeTemporaryFolder(kRelayFolder));
+    RemoveLeftRelayFolders(FolderOfSocket(listeners->private_folder));
     plan.ipc = {listeners->private_folder + "/relay"};
   }
   B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));
@@ -265,15 +335,12 @@ std::string LocalAddress(const ListeningEndpoint& endpoint) {
 }
 
 void RemoveSocketFiles(const Listeners& listeners) {
-  const auto remove = [](const std::vector<ListeningEndpoint>& endpoints) {
-    for (const ListeningEndpoint& endpoint : endpoints) {
-      const Result<std::string> path = ParseIpcAddress(endpoint.address);
-      if (path.ok()) unlink(path->c_str());
-    }
-  };
-  remove(listeners.gateway);
-  for (const auto& worker : listeners.workers) remove(worker);
-  remove(listeners.dataset);
+  for (const SocketFile& file : listeners.socket_files) {
+    struct stat info {};
+    const bool is_ours = lstat(file.path.c_str(), &info) == 0 && info.st_dev == file.device &&
+                         info.st_ino == file.inode;
+    if (is_ours) unlink(file.path.c_str());
+  }
   std::error_code error;
   if (!listeners.private_data.empty()) std::filesystem::remove_all(listeners.private_data, error);
   if (!listeners.private_folder.empty()) rmdir(listeners.private_folder.c_str());

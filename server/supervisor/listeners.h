@@ -11,6 +11,8 @@
 // daemon has. With --single-port or --no-door there are none.
 #pragma once
 
+#include <sys/types.h>
+
 #include <string>
 #include <vector>
 
@@ -19,6 +21,14 @@
 #include "server/process/options.h"
 
 namespace b4mrl {
+
+// A file that a listening socket has, as it was bound. The system gives its inode to no other file
+// while the socket is open.
+struct SocketFile {
+  std::string path;
+  dev_t device = 0;
+  ino_t inode = 0;
+};
 
 struct Listeners {
   std::vector<ListeningEndpoint> gateway;
@@ -29,21 +39,23 @@ struct Listeners {
   std::vector<ChildOptions::Port> worker_ports;
   ChildOptions::Port dataset_port;
   bool loopback_only = true;
+  std::vector<SocketFile> socket_files;
   // A folder that is the daemon's, and holds ipc sockets and `private_data` alone; "": none.
   std::string private_folder;
   std::string private_data;  // a folder in private_folder, which ends with it; "": none
 };
 
-// Malformed addresses are kInvalidArgument; addresses in use, missing folders and other errors of
-// the system kIoError; hosts that other machines can reach, without `insecure`,
-// kFailedPrecondition.
+// The file of an ipc socket that nobody listens on is replaced; two daemons that are started on one
+// PATH at once do not replace each other's. Malformed addresses are kInvalidArgument; addresses in
+// use, missing folders and other errors of the system kIoError; hosts that other machines can
+// reach, without `insecure`, kFailedPrecondition.
 Result<Listeners> OpenListeners(const ServeOptions& options);
 
 // Where a process of this machine connects to reach a listener.
 std::string LocalAddress(const ListeningEndpoint& endpoint);
 
-// Removes the files of ipc sockets, the private data folder with all that it holds, and the private
-// folder; the descriptors stay open.
+// Removes the files of ipc sockets, but those that somebody has replaced meanwhile, the private
+// data folder with all that it holds, and the private folder; the descriptors stay open.
 void RemoveSocketFiles(const Listeners& listeners);
 
 }  // namespace b4mrl

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "proto/base/limits.h"
+#include "server/process/memory_shares.h"
 #include "server/render/painter_process.h"
 #include "server/worker/handlers.h"
 #include "server/worker/lane_selection.h"
@@ -19,6 +20,7 @@ class RenderJob : public RequestJob {
     // end those that are left.
     ends_at_deadline = true;
   }
+  ~RenderJob() override { owner().pictures->GiveBack(held_bytes_); }
   Status Prepare(const pb::Request& request) override;
   bool waits_for_painter() const override { return true; }
 
@@ -29,6 +31,7 @@ class RenderJob : public RequestJob {
   void Paint(uint32_t first, uint32_t count, PainterProcess& painter);
   Status ChooseSize(const pb::RenderRequest& request);
   Status TooLate() const;
+  Status TakeShare(size_t bytes);
   Status CopyLanes(const std::vector<uint32_t>& lanes);
 
   // A lane's state and the episode that it belongs to.
@@ -38,6 +41,7 @@ class RenderJob : public RequestJob {
   };
   PaintRequest picture_;       // with the state of the item that is being painted
   std::vector<Scene> scenes_;  // one for each item
+  size_t held_bytes_ = 0;      // of the sessions' common share of pictures
   size_t offset_ = 0;
   uint32_t painted_ = 0;  // how many items are painted; one thread takes them in any order
 };
@@ -55,6 +59,19 @@ Status RenderJob::ChooseSize(const pb::RenderRequest& request) {
   picture_.height = request.height() == 0 ? spec.picture_height : request.height();
   B4MRL_RETURN_IF_ERROR(CheckSide("width", picture_.width));
   return CheckSide("height", picture_.height);
+}
+
+// Pictures that wait hold no memory yet, but the painter's thread begins with all requests in turn.
+Status RenderJob::TakeShare(size_t bytes) {
+  SharedBytes& pictures = *owner().pictures;
+  if (!pictures.Take(bytes)) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the pictures under way in the worker would have {} bytes, at most "
+                              "{} (by `b4mrl serve --memory`)",
+                              pictures.held() + bytes, pictures.share()));
+  }
+  held_bytes_ = bytes;
+  return Status();
 }
 
 Status RenderJob::CopyLanes(const std::vector<uint32_t>& lanes) {
@@ -82,6 +99,7 @@ Status RenderJob::Prepare(const pb::Request& request) {
                               lanes.size(), picture_.width, picture_.height, bytes,
                               limits::kMaxPayloadBytes));
   }
+  B4MRL_RETURN_IF_ERROR(TakeShare(bytes));
   B4MRL_RETURN_IF_ERROR(CopyLanes(lanes));
   picture_.simulator = owner().simulator_request();
   picture_.identity = owner().simulator().identity_hash();

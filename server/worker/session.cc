@@ -32,9 +32,10 @@ Status CheckSeeds(uint64_t seed, uint32_t lanes) {
                          fmt::format("0..{} with {} lanes", largest, lanes));
 }
 
-Result<LaneStepper> OpenStepper(const SimulatorRequest& request, pb::AutoresetMode mode) {
+Result<LaneStepper> OpenStepper(const SimulatorRequest& request, pb::AutoresetMode mode,
+                                StartCheck check) {
   B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Simulator> simulator, Simulator::Open(request));
-  return LaneStepper::Create(std::move(simulator), static_cast<AutoresetMode>(mode));
+  return LaneStepper::Create(std::move(simulator), static_cast<AutoresetMode>(mode), check);
 }
 
 }  // namespace
@@ -67,7 +68,11 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
   B4MRL_ASSIGN_OR_RETURN(pb::OpenRequest request, OpenRequestOf(record));
   B4MRL_RETURN_IF_ERROR(CheckSeeds(request.seed(), request.num_envs()));
   SimulatorRequest simulator = SimulatorOf(request);
-  B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(simulator, request.autoreset_mode()));
+  // The process that built a live session has checked its start.
+  const StartCheck check =
+      record.state() == SessionState::kLive ? StartCheck::kSkipped : StartCheck::kDone;
+  B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper,
+                         OpenStepper(simulator, request.autoreset_mode(), check));
   std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));
   session->simulator_request_ = std::move(simulator);
   session->token_ = std::string(SessionToken(record));

@@ -13,6 +13,7 @@
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
+#include "server/process/memory_shares.h"
 #include "server/replies/reply.h"
 #include "server/scheduling/item_cost.h"
 #include "server/shared_memory/shared_state.h"
@@ -89,6 +90,10 @@ class Session {
   size_t requests_in_flight() const { return in_flight_.size(); }
   // The cost of one item of this session's requests of that kind.
   ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
+
+  // What the Renders under way of all sessions of the worker hold for their pictures. Set before
+  // the first request.
+  std::shared_ptr<SharedBytes> pictures;
 
   // A Close that waits for the requests in flight.
   struct PendingClose {

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <memory>
 #include <set>
 
 #include "proto/base/limits.h"
@@ -56,6 +57,9 @@ void Dispatcher::AdoptSessions() {
       AdoptIfLive(index);
     }
   }
+  // The gateway goes on meanwhile: of a session that became live behind the first look at its
+  // record, the first request would find nothing, and its client would take it for lost.
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) AdoptIfLive(index);
 }
 
 void Dispatcher::AdoptNext() {
@@ -184,6 +188,10 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
     B4MRL_RETURN_IF_ERROR(CheckSimulators(session->simulator(), simulators,
                                           executor_.thread_count(), memory_.simulators));
   }
+  // All sessions have one share. It lives with them, as no picture is under way while there is
+  // none.
+  session->pictures = sessions_.empty() ? std::make_shared<SharedBytes>(memory_.pictures)
+                                        : sessions_.begin()->second->pictures;
   record.build_deaths.store(0);
   executor_.ForgetDebts(index);
   return (sessions_[token] = std::move(session)).get();

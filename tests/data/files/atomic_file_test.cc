@@ -3,17 +3,70 @@
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
 #include <catch2/catch.hpp>
+#include <cerrno>
+#include <filesystem>
+#include <iterator>
 #include <string>
 
 #include "proto/base/unique_fd.h"
 #include "tests/data/temporary_folder.h"
 
+namespace {
+
+// With which every lock is refused; 0: none is.
+int lock_error = 0;
+
+}  // namespace
+
+// Takes the C library's place, as no file system without locks is at hand.
+extern "C" int flock(int fd, int operation) noexcept {
+  if (lock_error == 0) return static_cast<int>(syscall(SYS_flock, fd, operation));
+  errno = lock_error;
+  return -1;
+}
+
 namespace b4mrl {
+
+TEST_CASE("Without locks, writers of one file have temporary files of their own, and leave none") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("manifest.json");
+  lock_error = GENERATE(ENOSYS, EOPNOTSUPP);
+  {
+    Result<AtomicFile> first = AtomicFile::Create(path, mode_t{0600});
+    Result<AtomicFile> second = AtomicFile::Create(path);
+    const Result<AtomicFile> given_up = AtomicFile::Create(path);
+    const bool is_seen = IsBeingWritten(path);
+    lock_error = 0;
+    REQUIRE(first.ok());
+    REQUIRE(second.ok());
+    REQUIRE(given_up.ok());
+    CHECK_FALSE(is_seen);
+    CHECK(first->Write("first").ok());
+    CHECK(second->Write("second").ok());
+    CHECK(second->Commit().ok());
+    CHECK(first->Commit().ok());
+  }
+  CHECK(ReadBytes(path) == "first");
+  struct stat info {};
+  REQUIRE(stat(path.c_str(), &info) == 0);
+  CHECK((info.st_mode & 0777) == 0600);
+  const std::filesystem::directory_iterator left(folder.path());
+  CHECK(std::distance(begin(left), end(left)) == 1);
+}
+
+TEST_CASE("A lock that is refused for another reason is an error") {
+  const TemporaryFolder folder;
+  lock_error = EBADF;
+  const Status refused = AtomicFile::Create(folder.File("manifest.json")).status();
+  lock_error = 0;
+  CHECK(refused.code() == StatusCode::kIoError);
+}
 
 TEST_CASE("What is read as a small file is a regular one, unless others may be") {
   const TemporaryFolder folder;

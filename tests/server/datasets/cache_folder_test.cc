@@ -88,6 +88,16 @@ TEST_CASE("for a full quota, as much is given up as is to be written, though the
   CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, full));
 }
 
+TEST_CASE("no cache is given up for an error that room does not mend") {
+  const Caches caches;
+  const CacheFolder folder(caches.folder.path(), 1ull << 30);
+  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, IoError("open", "x.h5", EACCES)));
+  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, IoError("write", "cache", EFBIG)));
+  const std::string text = IoError("write", "cache", ENOSPC).message();
+  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, Status(StatusCode::kDataLoss, text)));
+  CHECK(caches.Left() == "01234");
+}
+
 TEST_CASE("a lock whose file was removed is not had by who had opened the file before") {
   const TemporaryFolder folder;
   const CacheFolder cache(folder.path(), 1);

@@ -96,6 +96,21 @@ TEST_CASE("an episode's last next observation has noise of its own") {
   }
 }
 
+TEST_CASE("a last row whose next observation is the next row's has that one's noise") {
+  // As D4RL's rule reads a file without next observations; longer than a block of the corruption.
+  ExampleDataset data = HalfCheetahLike({4, 16'380, 4});
+  for (const size_t row : {3u, 16'383u}) {
+    std::copy_n(&data.observations[(row + 1) * kSize], kSize, &data.next_observations[row * kSize]);
+  }
+  const Corrupted noisy = Corrupt(data, "obs-noise=1", 3);
+  const TransitionColumns& columns = noisy.columns();
+  for (const size_t row : {3u, 16'383u}) {
+    CAPTURE(row);
+    const auto next = columns.next_observations.subspan(row * kSize, kSize);
+    CHECK(std::ranges::equal(next, columns.observations.subspan((row + 1) * kSize, kSize)));
+  }
+}
+
 TEST_CASE("levels scale one matrix, which is standard normal") {
   const ExampleDataset data = HalfCheetahLike({10'000});
   const Corrupted low = Corrupt(data, "obs-noise-low", 9);

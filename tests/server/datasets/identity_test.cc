@@ -20,17 +20,19 @@ TEST_CASE("fingerprints of imports depend on environment, columns and statistics
         ImportedFingerprint("", a, {{"a", "1\nb=2"}}));
 }
 
-TEST_CASE("fingerprints of derived datasets depend on source, corruptions, seed and rule") {
+TEST_CASE("fingerprints of derived datasets depend on source, corruptions, seed, rule and hiding") {
+  constexpr TransitionRule kStored = TransitionRule::kStored, kD4rl = TransitionRule::kD4rl;
   const std::string a(32, 'a'), b(32, 'b');
-  CHECK(DerivedFingerprint(a, "", 0, TransitionRule::kStored) == a);
-  const std::string noisy = DerivedFingerprint(a, "obs-noise=1", 0, TransitionRule::kStored);
+  CHECK(DerivedFingerprint(a, {"", 0, kStored}) == a);
+  const std::string noisy = DerivedFingerprint(a, {"obs-noise=1", 0, kStored});
   CHECK(IsHash128(noisy));
   CHECK(noisy != a);
-  CHECK(noisy != DerivedFingerprint(b, "obs-noise=1", 0, TransitionRule::kStored));
-  CHECK(noisy != DerivedFingerprint(a, "obs-noise=2", 0, TransitionRule::kStored));
-  CHECK(noisy != DerivedFingerprint(a, "obs-noise=1", 1, TransitionRule::kStored));
-  CHECK(noisy != DerivedFingerprint(a, "obs-noise=1", 0, TransitionRule::kD4rl));
-  CHECK(DerivedFingerprint(a, "", 0, TransitionRule::kD4rl) != a);
+  CHECK(noisy != DerivedFingerprint(b, {"obs-noise=1", 0, kStored}));
+  CHECK(noisy != DerivedFingerprint(a, {"obs-noise=2", 0, kStored}));
+  CHECK(noisy != DerivedFingerprint(a, {"obs-noise=1", 1, kStored}));
+  CHECK(noisy != DerivedFingerprint(a, {"obs-noise=1", 0, kD4rl}));
+  CHECK(noisy != DerivedFingerprint(a, {"obs-noise=1", 0, kStored, {9}}));
+  CHECK(DerivedFingerprint(a, {"", 0, kD4rl}) != a);
 }
 
 TEST_CASE("noise matrices are named by environment and columns") {

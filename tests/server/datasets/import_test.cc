@@ -227,6 +227,16 @@ TEST_CASE("what would take more than the caches may is refused before it is writ
   CHECK_FALSE(fixture.HasCache());
 }
 
+TEST_CASE("a cache with a file that is larger than the sandbox allows lies in the dataset") {
+  ImportFixture fixture;
+  REQUIRE(WriteExample(fixture.file, MakeExampleDataset({2}, 17, 6)).ok());
+  // 2 rows of 17 + 17 + 6 + 1 floats and two flags fit, but not their statistics beside them.
+  const Status refused = fixture.Import(kProgram, 60'000, 2 * 166).status();
+  CHECK(refused.code() == StatusCode::kLimitExceeded);
+  CHECK_THAT(refused.message(), Catch::Contains("more than 332 bytes, allowed: 64 times"));
+  CHECK_FALSE(fixture.HasCache());
+}
+
 TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
   ImportFixture fixture;
   fixture.WriteScript("kill -SEGV $$\n");

@@ -112,7 +112,12 @@ TEST_CASE("A model that is unhealthy from its start on is no environment, unless
   const std::string hash = Take(folders.CompileText(EditedHopper(" ref=\"1.25\"", "")));
   const auto status = [&](const std::string& config) {
     const auto simulator = Take(folders.TryOpen("Hopper", hash, "model=model.xml", config));
-    return LaneStepper::Create(simulator, AutoresetMode::kNextStep).status();
+    const Status found = LaneStepper::Create(simulator, AutoresetMode::kNextStep).status();
+    // It is remembered, and not asked for by those who take sessions over.
+    CHECK(LaneStepper::Create(simulator, AutoresetMode::kNextStep).status().ToString() ==
+          found.ToString());
+    CHECK(LaneStepper::Create(simulator, AutoresetMode::kNextStep, StartCheck::kSkipped).ok());
+    return found;
   };
   const Status refused = status("");
   INFO(refused.ToString());

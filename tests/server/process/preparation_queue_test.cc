@@ -96,6 +96,23 @@ TEST_CASE("clients with nothing running go first, then small jobs, then old ones
   }
 }
 
+TEST_CASE("a large job starts in the end, though smaller ones of others keep coming") {
+  Fixture fixture;
+  fixture.Submit("1", "first");
+  fixture.Submit("2", "second");
+  REQUIRE(fixture.Await([&] { return fixture.starts("1") + fixture.starts("2") == 2; }));
+  fixture.Submit("large", "third", 1000);
+  fixture.Submit("small", "fourth");
+  fixture.End("1");
+  REQUIRE(fixture.Await([&] { return fixture.starts("small") == 1; }));
+  CHECK(fixture.starts("large") == 0);
+  fixture.Submit("as small", "fifth");
+  fixture.End("2");
+  // The fourth start is the oldest job's.
+  CHECK(fixture.Await([&] { return fixture.starts("large") + fixture.starts("as small") == 1; }));
+  CHECK(fixture.starts("large") == 1);
+}
+
 TEST_CASE("the jobs of one client take no more places than it may have") {
   Fixture fixture(/*short_ms=*/20, /*of_client=*/1);
   for (const char* key : {"1", "2", "3"}) fixture.Submit(key, "greedy");

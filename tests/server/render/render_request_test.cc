@@ -132,6 +132,37 @@ TEST_CASE("Requests for pictures that wait in a worker are limited over all its 
   worker.Work();
 }
 
+TEST_CASE("Pictures under way are bounded in bytes, but a single request is always taken") {
+  WorkerFixture worker;
+  const std::string other(limits::kTokenBytes, 'o');
+  worker.memory.pictures = size_t{3} * kSide * kSide;
+  worker.Restart();
+  worker.Open(2);
+  worker.Reset({1, 1});
+  worker.Open(1, other);
+  pb::Request of_other;
+  of_other.set_session_token(other);
+  of_other.mutable_reset();
+  REQUIRE(worker.Call(of_other, {Numbers({1})}).code() == StatusCode::kOk);
+  of_other = RenderRequest();
+  of_other.set_session_token(other);
+
+  worker.answers.clear();
+  worker.Send(RenderRequest(), {});  // twice the share, of which nothing is held
+  CHECK(worker.answers.empty());
+  worker.Send(of_other, {});
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  CHECK(worker.answers[0].envelope.status().recoverable());
+  CHECK_THAT(worker.answers[0].envelope.status().message(), Catch::Contains("at most 12288"));
+  worker.Work();
+  REQUIRE(worker.answers.size() == 2);
+  CHECK(worker.answers[1].code() == StatusCode::kOk);
+  // All is given back, by who was refused, too.
+  CHECK(worker.Call(of_other, {}).code() == StatusCode::kOk);
+  CHECK(worker.Call(RenderRequest(), {}).code() == StatusCode::kOk);
+}
+
 // The child processes of this one.
 std::set<pid_t> Children() {
   std::set<pid_t> all;

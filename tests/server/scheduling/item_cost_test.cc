@@ -63,6 +63,24 @@ TEST_CASE("After an item of more than a tenth of a second, none is a bite for a 
   REQUIRE(cost.too_long_for_bites());
 }
 
+TEST_CASE(
+    "A second long item counts by its processor time, which tells it from an interrupted one") {
+  for (const double processor_us : {100.0, 90'000.0}) {
+    CAPTURE(processor_us);
+    ItemCost cost;
+    for (int i = 0; i < 200; ++i) cost.Observe(20);
+    REQUIRE_FALSE(cost.is_suspected());
+    cost.Observe(90'000);
+    REQUIRE_FALSE(cost.too_long_for_bites());
+    for (int i = 0; i < 200; ++i) cost.Observe(20, 20);
+    REQUIRE(cost.is_suspected());  // for a second, however many cheap ones come between
+    cost.Observe(90'000, processor_us);
+    for (int i = 0; i < 200; ++i) cost.Observe(20, 20);
+    REQUIRE(cost.Expect(1) < 100);
+    REQUIRE(cost.too_long_for_bites() == (processor_us > 2'000));
+  }
+}
+
 TEST_CASE("Costly items among many cheap ones stay known") {
   ItemCost cost;
   for (int i = 0; i < 200; ++i) cost.Observe(i % 10 == 0 ? 8000 : 20);

@@ -61,12 +61,27 @@ TEST_CASE("Only the processor time of a piece behind one that ended early is mea
   REQUIRE(Execute(cost, 50, microseconds(10)) == 50);
   REQUIRE(looks == 51);
   REQUIRE(processor_looks == 0);
-  REQUIRE(Execute(cost, 50, microseconds(5000)) == 1);
+  REQUIRE(Execute(cost, 50, microseconds(1900)) == 2);
   REQUIRE(processor_looks == 0);
-  REQUIRE(Execute(cost, 50, microseconds(5000)) == 1);
+  REQUIRE(Execute(cost, 50, microseconds(1900)) == 2);
   REQUIRE(processor_looks == 2);
   REQUIRE(Execute(cost, 1, microseconds(10)) == 1);
   REQUIRE_FALSE(cost.is_suspected());
+}
+
+TEST_CASE("After an item of more than 2 ms, single items are measured as well") {
+  ItemCost cost;
+  for (int i = 0; i < 200; ++i) cost.Observe(10);
+  REQUIRE(Execute(cost, 1, microseconds(50'000)) == 1);
+  REQUIRE(processor_looks == 0);
+  REQUIRE_FALSE(cost.too_long_for_bites());
+  REQUIRE(Execute(cost, 1, microseconds(50'000), Time::kInterrupted) == 1);
+  REQUIRE(processor_looks == 2);
+  for (int i = 0; i < 200; ++i) cost.Observe(10);
+  REQUIRE_FALSE(cost.too_long_for_bites());
+  REQUIRE(Execute(cost, 1, microseconds(50'000)) == 1);
+  for (int i = 0; i < 200; ++i) cost.Observe(10);
+  REQUIRE(cost.too_long_for_bites());
 }
 
 TEST_CASE("Items that become ten thousand times dearer hold their thread for one item each time") {

@@ -6,6 +6,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <array>
+#include <atomic>
 #include <catch2/catch.hpp>
 #include <cerrno>
 #include <cstring>
@@ -18,6 +20,7 @@
 
 #include "proto/base/unique_fd.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/environment_variable.h"
 #include "tests/results.h"
 
 namespace b4mrl {
@@ -94,6 +97,65 @@ TEST_CASE("The socket file of a daemon that answers nobody is refused") {
   const std::vector<UniqueFd> waiting = FillQueueOf(path);
   CHECK(OpenListeners(OptionsOn(path)).status().code() == StatusCode::kIoError);
   CHECK(std::filesystem::exists(path));
+}
+
+TEST_CASE("Of daemons that are started on one path at once, one alone gets it") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("daemon");
+  ListenOn(path);  // left by an earlier one
+  std::array<Listeners, 4> opened;
+  std::atomic<int> got_it = 0;
+  std::vector<std::thread> starting;
+  starting.reserve(opened.size());
+  for (Listeners& mine : opened) {
+    starting.emplace_back([&] {
+      Result<Listeners> listeners = OpenListeners(OptionsOn(path));
+      if (!listeners.ok()) return;
+      mine = *std::move(listeners);
+      ++got_it;
+    });
+  }
+  for (std::thread& thread : starting) thread.join();
+  CHECK(got_it == 1);
+  CHECK(std::filesystem::exists(path));
+  for (const Listeners& listeners : opened) RemoveSocketFiles(listeners);
+  CHECK(std::filesystem::is_empty(folder.path()));
+}
+
+TEST_CASE("A socket file that another daemon has put into the place of ours stays") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("daemon");
+  const Listeners listeners = Take(OpenListeners(OptionsOn(path)));
+  REQUIRE(unlink(path.c_str()) == 0);
+  const UniqueFd other = ListenOn(path);
+  RemoveSocketFiles(listeners);
+  CHECK(std::filesystem::exists(path));
+  CHECK_FALSE(std::filesystem::exists(path + ".worker-0"));
+}
+
+TEST_CASE("With one port, folders that killed daemons have left are removed, and those alone") {
+  const TemporaryFolder base;
+  const EnvironmentVariable temporary("TMPDIR", base.path());
+  const std::string left = base.File("b4mrl-gateway-killed");
+  const std::string in_use = base.File("b4mrl-gateway-in-use");
+  const std::string users = base.File("b4mrl-gateway-users");
+  for (const std::string& folder : {left, in_use, users}) {
+    std::filesystem::create_directory(folder);
+    ListenOn(folder + "/relay.worker-0");
+  }
+  const UniqueFd listening = ListenOn(in_use + "/relay.worker-1");
+  WriteBytes(users + "/file", "precious");
+  ServeOptions options;
+  options.binds = {"tcp://127.0.0.1:0"};
+  options.workers = 1;
+  options.single_port = true;
+  const Listeners listeners = Take(OpenListeners(options));
+  CHECK_FALSE(std::filesystem::exists(left));
+  CHECK(std::filesystem::exists(in_use + "/relay.worker-0"));
+  CHECK(std::filesystem::exists(users + "/relay.worker-0"));
+  CHECK(std::filesystem::exists(listeners.private_folder + "/relay.worker-0"));
+  RemoveSocketFiles(listeners);
+  CHECK_FALSE(std::filesystem::exists(listeners.private_folder));
 }
 
 TEST_CASE("A daemon's own folder ends with it, and a data folder only where it is the one in it") {

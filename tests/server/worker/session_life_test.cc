@@ -273,6 +273,28 @@ TEST_CASE("A session whose record is given to another one while it is built is n
   REQUIRE(worker.dispatcher().session_count() == 0);
 }
 
+// The gateway acknowledges session 1 while the replacement builds session 0.
+WorkerFixture* acknowledging = nullptr;
+void AcknowledgeLate(FaultPoint point, uint32_t /*lane*/, uint64_t /*number*/,
+                     std::span<std::byte> /*idle_buffer*/) {
+  if (point != FaultPoint::kBeforeAttach) return;
+  fault_hook = nullptr;
+  REQUIRE(SessionTable(acknowledging->state()).MakeLive(1));
+}
+
+TEST_CASE("A session that becomes live while a replacement looks at the records is taken over") {
+  WorkerFixture worker;
+  REQUIRE(worker.Allocate(2, "another token...") == 0);
+  REQUIRE(worker.Allocate(2) == 1);
+  REQUIRE(worker.Attach(1) == StatusCode::kOk);
+  acknowledging = &worker;
+  fault_hook = AcknowledgeLate;
+  worker.Restart();
+  CHECK(fault_hook == nullptr);
+  CHECK(worker.dispatcher().session_count() == 2);
+  CHECK(worker.Reset({1, 1}).code() == StatusCode::kOk);
+}
+
 TEST_CASE("The lease of a session that was never acknowledged runs out as well") {
   WorkerFixture worker;
   const uint32_t index = worker.Allocate(2);
