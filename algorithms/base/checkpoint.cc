@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -25,6 +27,15 @@ std::string Join(std::string_view prefix, std::string_view name) {
 }
 
 std::string LengthName(std::string_view name) { return fmt::format("{}_length", name); }
+
+constexpr double kMaxInteger = 9007199254740992;  // 2^53: HDF5 numbers are read back as double
+
+// A damaged file may hold any number, and a cast of one that the type lacks is undefined.
+Status CheckWhole(std::string_view name, double value, double most) {
+  if (value >= 0 && value <= most && value == std::floor(value)) return Status();
+  return Status(StatusCode::kDataLoss,
+                fmt::format("{} is {}, allowed: a whole number in 0..{:.0f}", name, value, most));
+}
 
 }  // namespace
 
@@ -89,7 +100,9 @@ Result<CheckpointReader> CheckpointReader::Open(const std::string& path) {
 }
 
 int64_t CheckpointReader::Integer(std::string_view name) {
-  return static_cast<int64_t>(Number(name));
+  const double value = Number(name);
+  if (status_.ok()) status_ = CheckWhole(name, value, kMaxInteger);
+  return status_.ok() ? static_cast<int64_t>(value) : 0;
 }
 
 uint64_t CheckpointReader::Unsigned(std::string_view name) {
@@ -120,8 +133,13 @@ std::vector<float> CheckpointReader::Floats(std::string_view name) {
 }
 
 std::vector<uint8_t> CheckpointReader::Bytes(std::string_view name) {
-  const std::vector<float> values = Floats(name);
-  return {values.begin(), values.end()};
+  std::vector<uint8_t> bytes;
+  for (const float value : Floats(name)) {
+    if (status_.ok()) status_ = CheckWhole(name, value, UINT8_MAX);
+    if (!status_.ok()) return {};
+    bytes.push_back(static_cast<uint8_t>(value));
+  }
+  return bytes;
 }
 
 void CheckpointReader::FloatsInto(std::string_view name, std::span<float> out) {

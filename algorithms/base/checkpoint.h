@@ -4,7 +4,8 @@
 // more, so a learner lists its state line by line and asks for the status once at the end. Big data
 // does not belong here: of a replay file, a checkpoint stores the length
 // (experience/replay_buffer.h). Thread rule: one thread. Errors: as data/hdf5/hdf5_file.h;
-// kDataLoss also when a stored array has another size than the learner's.
+// kDataLoss also when a stored array has another size than the learner's, or an integer, a counter
+// or a byte is no whole number of its range.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +25,7 @@ class CheckpointWriter {
  public:
   static Result<CheckpointWriter> Create(const std::string& path);
 
-  void Integer(std::string_view name, int64_t value);
+  void Integer(std::string_view name, int64_t value);    // 0..2^53, which the reader takes
   void Unsigned(std::string_view name, uint64_t value);  // all 64 bits
   void Number(std::string_view name, double value);
   void Text(std::string_view name, std::string_view text);

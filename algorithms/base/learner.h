@@ -97,6 +97,12 @@ class Learner {
   virtual DatasetIdentity dataset_identity() const { return {}; }
 };
 
+// Seed of the environment in which a lane of an online learner starts its first episode. A run's
+// actions can be stepped again from it (episodes/replay.h).
+inline uint64_t TrainLaneSeed(uint64_t run_seed, uint32_t lane) {
+  return RoleSeed(run_seed, "train-lane", lane);
+}
+
 // Deadline of each request of a training run. It is long so that a run survives a busy machine.
 inline constexpr int64_t kLearnerDeadlineMs = 120'000;
 
@@ -104,6 +110,7 @@ struct LearnerNeeds {
   bool simulator = false;  // otherwise --simulator is refused
   bool dataset = false;    // then --dataset is required, otherwise refused
   bool history = false;    // supports --history above 1
+  bool queries = false;    // asks the simulator for single steps, which not every one can answer
 };
 
 // An algorithm that `b4mrl train` knows. Each learner's file defines one Algorithm; list.cc lists

@@ -46,7 +46,7 @@ class Replayer {
       : log_(log),
         session_(std::move(session)),
         recorder_(recorder),
-        oldest_row_(log.rows - rows),
+        rows_(rows),
         hash_(static_cast<uint32_t>(session_.spec().observation.size()), log.action_size),
         action_scale_(session_.spec().ActionScale()),
         scaled_(log.action_size) {}
@@ -61,16 +61,15 @@ class Replayer {
   const ActionLog& log_;
   RemoteEnvironment session_;
   Recorder& recorder_;
-  uint64_t oldest_row_;  // of the log that may be kept
+  uint64_t rows_;  // to append
   ReplayHash hash_;
   std::vector<float> action_scale_;
   std::vector<float> scaled_;  // the action in the environment's units
   std::vector<float> observation_;
   DatasetBlock block_;
   uint64_t episode_ = 0;
-  uint64_t first_episode_ = 0;
-  uint64_t last_start_ = 0;  // the log's row with which its latest episode begins
-  bool keeps_ = false;       // whether the episode under way is among those to append
+  uint64_t first_episode_ = 0;  // of those to append
+  uint64_t kept_ = 0;           // rows since the start of first_episode_, at most rows_
 };
 
 Result<uint64_t> Replayer::Run(Progress& progress) {
@@ -78,7 +77,6 @@ Result<uint64_t> Replayer::Run(Progress& progress) {
   const std::array<uint64_t, 1> seeds = {ReplaySeed(log_.seed)};
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session_.Reset({}, seeds));
   Extend(observation_, RowOf(first.observations, 0));
-  keeps_ = oldest_row_ == 0;
   for (uint64_t row = 0; row < log_.rows; ++row) {
     B4MRL_RETURN_IF_ERROR(Step(row));
     if (row % kBlockRows == 0) progress.Update(row);
@@ -86,11 +84,6 @@ Result<uint64_t> Replayer::Run(Progress& progress) {
   B4MRL_RETURN_IF_ERROR(Flush());
   progress.Update(log_.rows);
   progress.Finish();
-  if (last_start_ < oldest_row_) {
-    return InvalidNumber("rows", log_.rows - oldest_row_,
-                         fmt::format("{}..{}: the log's last episode has {}",
-                                     log_.rows - last_start_, log_.rows, log_.rows - last_start_));
-  }
   if (const std::string sha256 = hash_.Hex(); sha256 != log_.replay_sha256) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("the stepped transitions have the SHA-256 {}, those of the run {}",
@@ -119,18 +112,20 @@ Status Replayer::Step(uint64_t row) {
   hash_.Add(action);
   hash_.Add(next);
   hash_.Add(std::array{reward, terminated ? 0.0f : 1.0f});
-  if (keeps_) Keep(next, reward, terminated, outcome.timed_out(0));
+  if (kept_ < rows_) Keep(next, reward, terminated, outcome.timed_out(0));
   const std::span<const float> shown = RowOf(outcome.observations, 0);
   observation_.assign(shown.begin(), shown.end());
+  const uint64_t latest_start = log_.rows - rows_;  // after which too few rows are left
   if (ended) {
     ++episode_;
-    if (row + 1 < log_.rows) last_start_ = row + 1;
-    if (!keeps_ && row + 1 >= oldest_row_) {
-      keeps_ = true;
+    if (row + 1 <= latest_start) {
+      block_ = DatasetBlock();
+      kept_ = 0;
       first_episode_ = episode_;
     }
   }
-  return block_.rewards.size() < kBlockRows ? Status() : Flush();
+  // Until then a later episode may be the first, so what is kept, one episode at most, waits.
+  return row < latest_start || block_.rewards.size() < kBlockRows ? Status() : Flush();
 }
 
 void Replayer::Keep(std::span<const float> next, float reward, bool terminated, bool timed_out) {
@@ -140,6 +135,7 @@ void Replayer::Keep(std::span<const float> next, float reward, bool terminated, 
   block_.rewards.push_back(reward);
   block_.terminals.push_back(terminated ? 1 : 0);
   block_.timeouts.push_back(timed_out ? 1 : 0);
+  ++kept_;
 }
 
 Status Replayer::Flush() {

@@ -20,11 +20,11 @@ namespace b4mrl {
 // Seed of the environment in which the first episode of a run with `run_seed` starts.
 uint64_t ReplaySeed(uint64_t run_seed);
 
-// Appends the run's newest whole episodes of together at most `rows` rows, and what the run had
-// stepped of the episode under way at the log's end. Returns the number of the first of these
-// episodes, counted from 0 at the beginning of the run. kInvalidArgument when the log has fewer
-// rows than `rows`, its last episode has more, or it fits no such environment; kDataLoss when the
-// experience is not the run's; kFailedPrecondition when the simulator gave up a step.
+// Appends `rows` rows in their order, from the start of the newest episode after which the log has
+// so many: like other recordings, they end within an episode. Returns that episode's number,
+// counted from 0 at the beginning of the run. kInvalidArgument when the log has fewer rows than
+// `rows`, or fits no such environment; kDataLoss when the experience is not the run's;
+// kFailedPrecondition when the simulator gave up a step.
 Result<uint64_t> ReplayActions(const ActionLog& log, uint64_t rows, Client& client,
                                Recorder& recorder, Progress& progress);
 

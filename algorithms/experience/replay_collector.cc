@@ -65,7 +65,7 @@ Status ReplayCollector::Start() {
   replay_.emplace(std::move(replay));
   std::vector<uint64_t> seeds;
   for (uint32_t lane = 0; lane < count_; ++lane) {
-    seeds.push_back(RoleSeed(context_->seed, "train-lane", lane));
+    seeds.push_back(TrainLaneSeed(context_->seed, lane));
   }
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, simulator_.Reset({}, seeds));
   for (uint32_t lane = 0; lane < count_; ++lane) {

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "client/client.h"
 #include "proto/base/role_seed.h"
 
@@ -11,7 +13,7 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   EnvironmentOptions options;
   options.simulator = context.simulator;
   options.num_envs = lanes;
-  options.seed = SessionSeed(context.seed, lanes);
+  options.seed = SessionSeed(context.seed, std::max(lanes, 1u));
   options.autoreset_mode = AutoresetMode::kSameStep;
   options.deadline_ms = kLearnerDeadlineMs;
   options.ledger = context.ledger;

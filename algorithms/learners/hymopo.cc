@@ -67,7 +67,7 @@ Algorithm HymopoAlgorithm() {
           .description =
               "model-based hybrid: a learned correction of the simulator, SAC in the "
               "corrected one",
-          .needs = {.simulator = true, .dataset = true},
+          .needs = {.simulator = true, .dataset = true, .queries = true},
           .hyperparameters = Table(),
           .create = Create,
           .check = CheckModelBased,

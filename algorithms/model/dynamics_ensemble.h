@@ -110,6 +110,8 @@ class DynamicsEnsemble {
 
   const DynamicsEnsembleOptions& options() const { return options_; }
   bool trained() const { return finished_ != 0; }
+  // Whether some member had a finite hold-out error after an epoch, so that weights were kept.
+  bool HasKeptWeights() const;
   // Whether the counters are such as Train leaves behind with the rows of StartTraining, if there
   // are any: a file's may not be.
   bool CanGoOn() const;

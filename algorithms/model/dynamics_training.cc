@@ -267,6 +267,11 @@ bool DynamicsEnsemble<Scalar>::KeepImproved() {
 }
 
 template <typename Scalar>
+bool DynamicsEnsemble<Scalar>::HasKeptWeights() const {
+  return std::ranges::any_of(best_mse_, [](Scalar mse) { return std::isfinite(mse); });
+}
+
+template <typename Scalar>
 void DynamicsEnsemble<Scalar>::FinishTraining() {
   finished_ = 1;
   // Before the end of the first epoch no weights are known to be better than the present ones.
@@ -277,6 +282,7 @@ void DynamicsEnsemble<Scalar>::FinishTraining() {
   template Status DynamicsEnsemble<Scalar>::StartTraining(const DynamicsData<Scalar>&);            \
   template bool DynamicsEnsemble<Scalar>::CanGoOn() const;                                         \
   template DynamicsProgress DynamicsEnsemble<Scalar>::Train(const DynamicsData<Scalar>&, int64_t); \
+  template bool DynamicsEnsemble<Scalar>::HasKeptWeights() const;                                  \
   template void DynamicsEnsemble<Scalar>::FinishTraining();                                        \
   template double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar>,                \
                                                           MatrixView<const Scalar>);

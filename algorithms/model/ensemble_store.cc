@@ -24,6 +24,12 @@ namespace fs = std::filesystem;
 constexpr int64_t kUpdatesPerCall = 100;   // training updates per update of the progress bar
 constexpr int64_t kUpdatesPerSave = 1000;  // training updates per saved file: about 15 s
 
+// The number of the rule by which training goes on after its first update, whose bits the key holds
+// anyway: the order of rows, hold-out errors, which weights are kept, when training ends. Raise it
+// with every change of dynamics_training.cc that changes a trained ensemble, so that none that an
+// earlier build has trained is taken for one of this build; the version does not change with each.
+constexpr int kTrainingRevision = 1;
+
 // --- Keys ---
 
 template <typename T>
@@ -77,7 +83,7 @@ struct Hashes {
 
 Hashes HashesAfterFirstUpdate(const DynamicsData<float>& data, DynamicsEnsemble<float>& ensemble) {
   StreamHash hash;
-  HashText(hash, std::string(ProjectVersion()));
+  HashText(hash, fmt::format("{} training {}", ProjectVersion(), kTrainingRevision));
   HashText(hash, Describe(ensemble.options()));
   HashColumns(hash, data.observations);
   HashColumns(hash, data.actions);
@@ -204,6 +210,13 @@ void Keep(const Work& work, const EnsembleFiles& files, DynamicsEnsemble<float>&
   if (files.cache_folder.empty() || fs::exists(path, error)) return;
   Status status = MakeFolder(CacheFolder(files));
   if (status.ok()) status = Save(path, work, ensemble);
+  // To keep a file that the limit has no room for, all others would go, and then the file itself.
+  if (status.ok() && fs::file_size(path, error) > files.cache_bytes_max && !error) {
+    fs::remove(path, error);
+    status =
+        Status(StatusCode::kLimitExceeded,
+               fmt::format("it alone has more than the cache's {} bytes", files.cache_bytes_max));
+  }
   // kBusy is no failure: another run is writing the same ensemble.
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
@@ -218,6 +231,17 @@ Status CheckFinite(const DynamicsProgress& state) {
   return Status(
       StatusCode::kFailedPrecondition,
       fmt::format("the ensemble's loss became {} in epoch {}", state.train_loss, state.epoch));
+}
+
+// Squares of large errors can overflow where the loss, in which the variance divides them, does
+// not. No weights are then ever kept, and the training would end with those that it began with.
+Status CheckHoldout(const DynamicsProgress& state, const DynamicsEnsemble<float>& ensemble) {
+  if (!state.epoch_ended || ensemble.HasKeptWeights()) return Status();
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("no member of the ensemble had a finite hold-out error by the end of "
+                            "epoch {} (the first one's is {}): the held-out rows have observations "
+                            "or rewards whose squared errors no float holds",
+                            state.epoch, state.holdout_mse.front()));
 }
 
 // Loads the state that this run has saved or, if there is none, the cache's ensemble of the key
@@ -260,6 +284,7 @@ Status TrainOn(const Work& work, const DynamicsData<float>& data, const Ensemble
   while (!state.finished && !stop) {
     state = ensemble.Train(data, kUpdatesPerCall);
     B4MRL_RETURN_IF_ERROR(CheckFinite(state));
+    B4MRL_RETURN_IF_ERROR(CheckHoldout(state, ensemble));
     std::string note;
     if (state.epoch_ended) {
       const double best = *std::min_element(state.holdout_mse.begin(), state.holdout_mse.end());

@@ -7,14 +7,15 @@
 //
 // A file holds two hashes of what its ensemble depends on, and one of its state, with which it is
 // checked. `inputs` covers all training columns (and so dataset, corruptions, simulator and the
-// noise of its answers), options with the seed, and this program's version. The key covers the
-// state after the first update too, whose bits differ between processors, BLAS kernels and
-// compilers. A run takes up its own file by the inputs, so that a run that moves to another kind of
-// processor loses nothing; other runs' ensembles are taken by the key, thus only with the bits that
-// their own training would give. An ensemble that was moved gets a key of its own and is not kept.
-// The cache has a size limit, at which the least recently used ensembles are removed; an error in
-// the cache never fails a run. Thread rule: one thread. Files appear complete or not at all, so
-// processes may share the cache.
+// noise of its answers), options with the seed, and this program's version with the revision of its
+// training rule. The key covers the state after the first update too, whose bits differ between
+// processors, BLAS kernels and compilers. A run takes up its own file by the inputs, so that a run
+// that moves to another kind of processor loses nothing; other runs' ensembles are taken by the
+// key, thus only with the bits that their own training would give. An ensemble that was moved gets
+// a key of its own and is not kept. The cache has a size limit, at which the least recently used
+// ensembles are removed; one that alone exceeds it is not kept. An error in the cache never fails a
+// run. Thread rule: one thread. Files appear complete or not at all, so processes may share the
+// cache.
 #pragma once
 
 #include <atomic>
@@ -39,7 +40,8 @@ struct EnsembleTraining {
 };
 
 // Trains `ensemble`, which was just created, to the end or until `stop` is set. kFailedPrecondition
-// when the loss is not finite; kIoError when the run's ensemble.h5 cannot be written.
+// when the loss, or every member's hold-out error, is not finite; kIoError when the run's
+// ensemble.h5 cannot be written.
 Result<EnsembleTraining> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
                                        DynamicsEnsemble<float>& ensemble, Progress& progress,
                                        const std::atomic<bool>& stop);

@@ -3,8 +3,11 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
+#include "algorithms/policy/agent_policy.h"
 #include "client/client.h"
 
 namespace b4mrl {
@@ -13,6 +16,23 @@ namespace {
 constexpr size_t kEvaluationsKept = 10;  // result.json also reports the mean of these evaluations
 
 }  // namespace
+
+Agent AgentOfRun(const TrainOptions& options, const LearnerContext& context, const Learner& learner,
+                 uint64_t updates) {
+  Agent agent = MakeAgent(learner.Policy(), options.history_length, context.ActionScale());
+  agent.provenance.environment = context.environment.name;
+  agent.provenance.algorithm = options.algorithm;
+  agent.provenance.seed = options.seed;
+  agent.provenance.updates = updates;
+  agent.provenance.command = options.command;
+  agent.provenance.simulator = options.simulator;
+  agent.provenance.world = options.world;
+  DatasetIdentity dataset = learner.dataset_identity();
+  agent.provenance.dataset = std::move(dataset.full_name);
+  agent.provenance.dataset_sha256 = std::move(dataset.sha256);
+  agent.provenance.corruption = options.corruption;
+  return agent;
+}
 
 Result<RunLog> RunLog::Open(const TrainOptions& options, Client& client, Progress& progress) {
   B4MRL_ASSIGN_OR_RETURN(const auto world, ParseNamedArguments(options.world));
@@ -52,15 +72,29 @@ Status RunLog::Write(MetricRow row, EvaluationResult result, const RunUse& use) 
 }
 
 void RunLog::Summarise(const EnvironmentSpec& environment, TrainSummary* summary) const {
-  summary->agent_path = AgentPath();
-  summary->has_evaluated = has_evaluated_;
-  if (evaluations_.empty()) return;
-  summary->last = evaluations_.back();
-  summary->last_updates = last_updates_;
-  double sum = 0;
-  for (const EvaluationResult& result : evaluations_) sum += result.mean_return;
-  summary->mean_return_of_last_ten = sum / static_cast<double>(evaluations_.size());
-  summary->mean_score_of_last_ten = environment.NormalisedScore(summary->mean_return_of_last_ten);
+  if (!evaluations_.empty()) {
+    summary->last = evaluations_.back();
+    summary->last_updates = last_updates_;
+    double sum = 0;
+    for (const EvaluationResult& result : evaluations_) sum += result.mean_return;
+    summary->mean_return_of_last_ten = sum / static_cast<double>(evaluations_.size());
+    summary->mean_score_of_last_ten = environment.NormalisedScore(summary->mean_return_of_last_ten);
+  }
+  if (!has_evaluated_) TakeEarlierScores(options_->folder, summary);
+  if (HasAgentOf(*summary)) summary->agent_path = AgentPath();
+}
+
+bool RunLog::HasAgentOf(const TrainSummary& summary) const {
+  const Result<Agent> agent = ReadAgent(AgentPath());
+  if (!agent.ok() || !summary.last) return false;
+  // 0 also stands for an update that a checkpoint of an earlier version does not tell.
+  return summary.last_updates == 0 || agent->provenance.updates <= summary.last_updates;
+}
+
+void RunLog::RemoveLaterAgent(const TrainSummary& summary) const {
+  if (!summary.agent_path.empty() || !ReadAgent(AgentPath()).ok()) return;
+  std::error_code ignored;  // if it stays, the summary does not name it either
+  std::filesystem::remove(AgentPath(), ignored);
 }
 
 void RunLog::Show(double update, const EvaluationResult& result) {

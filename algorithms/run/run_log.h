@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "algorithms/base/checkpoint.h"
+#include "algorithms/base/learner.h"
 #include "algorithms/base/progress.h"
 #include "algorithms/episodes/evaluate.h"
 #include "algorithms/run/metrics_log.h"
@@ -25,6 +26,10 @@
 namespace b4mrl {
 
 class Client;
+
+// The agent of a run's learner after `updates` updates, with where it comes from.
+Agent AgentOfRun(const TrainOptions& options, const LearnerContext& context, const Learner& learner,
+                 uint64_t updates);
 
 class RunLog {
  public:
@@ -49,14 +54,27 @@ class RunLog {
   std::string AgentPath() const { return options_->folder + "/agent.h5"; }
   // The newest ten evaluations of the run, oldest first.
   const std::vector<EvaluationResult>& evaluations() const { return evaluations_; }
-  // Fills in the last evaluation and the means over these ten, if there are any.
+  // Whether the newest of them is of this update. Not known of one that is in a checkpoint of an
+  // earlier version, which did not save it: false.
+  bool HasEvaluated(uint64_t update) const {
+    return !evaluations_.empty() && last_updates_ == update;
+  }
+  // Fills in the last evaluation and the means over these ten, if there are any. Scores that
+  // result.json has of a later evaluation come first, unless an evaluation was made since the log
+  // was opened. Names agent.h5 unless it has a later agent than the one that was scored.
   void Summarise(const EnvironmentSpec& environment, TrainSummary* summary) const;
+  // Removes agent.h5 if it is readable and the summary does not name it. It is then of an
+  // evaluation whose row is in no checkpoint, since the process was killed before; the run will do
+  // that evaluation again.
+  void RemoveLaterAgent(const TrainSummary& summary) const;
 
  private:
   RunLog(const TrainOptions& options, Progress& progress, Evaluator evaluator)
       : options_(&options), progress_(&progress), evaluator_(std::move(evaluator)) {}
 
   void Show(double update, const EvaluationResult& result);
+  // Whether agent.h5 may be the agent that the summary's last evaluation has scored.
+  bool HasAgentOf(const TrainSummary& summary) const;
 
   const TrainOptions* options_;
   Progress* progress_;

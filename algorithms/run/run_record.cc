@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/nn/products/blas.h"
@@ -312,6 +313,23 @@ Status CheckEarlierRun(const TrainOptions& options) {
                 fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
                             "--out",
                             options.folder));
+}
+
+bool IsRecordOf(const RunRecord& record, const TrainOptions& options) {
+  const auto identity = [](const TrainOptions& run) {
+    return std::tie(run.algorithm, run.environment, run.simulator, run.world, run.dataset,
+                    run.corruption, run.corruption_seed, run.transitions, run.history_length,
+                    run.seed, run.precision);
+  };
+  if (identity(record.options) != identity(options)) return false;
+  Hyperparameters recorded = options.hyperparameters;
+  for (const auto& [name, text] : record.hyperparameters) {
+    if (!recorded.SetText(name, text).ok()) return false;
+  }
+  return std::ranges::equal(recorded.entries(), options.hyperparameters.entries(),
+                            [](const Hyperparameter& a, const Hyperparameter& b) {
+                              return a.is_without_effect || a.value == b.value;
+                            });
 }
 
 bool HasRunRecord(const std::string& folder) {

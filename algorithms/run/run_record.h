@@ -95,6 +95,10 @@ struct RunRecord {
   std::vector<std::pair<std::string, std::string>> hyperparameters;  // as users write them
   std::vector<RunSession> sessions;                                  // oldest first
 };
+// Whether the record is of a run that computes the numbers of one with `options`: its identity and
+// its hyperparameters are the same, but for those without effect. A record of an earlier version
+// lacks newer hyperparameters.
+bool IsRecordOf(const RunRecord& record, const TrainOptions& options);
 bool HasRunRecord(const std::string& folder);
 // kIoError if the folder has no run.json; kDataLoss if run.json cannot be parsed, or holds a number
 // outside its option's range (the message names the option and the range).

@@ -72,7 +72,7 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   json["seed"] = options.seed;
   json["precision"] = PrecisionName(options.precision);
   if (!summary.last) return json;
-  json["agent"] = summary.agent_path;
+  if (!summary.agent_path.empty()) json["agent"] = summary.agent_path;
   json["evaluation_updates"] = summary.last_updates;
   json["returns"] = summary.last->returns;
   json["mean_return"] = summary.last->mean_return;

@@ -3,9 +3,9 @@
 //
 // The state is `running` from when the folder is locked, and every way out of training replaces it.
 // A killed process writes nothing more and the kernel releases its lock, so a state `running` in an
-// unlocked folder is that of a killed run. A resumed run keeps its earlier scores until it has new
-// ones. Any process may read result.json at any time, since it is only ever replaced as a whole.
-// Value types; no thread rule.
+// unlocked folder is that of a killed run. A resumed run writes the numbers of its checkpoint when
+// it has restored it, and keeps its earlier scores until it has new ones. Any process may read
+// result.json at any time, since it is only ever replaced as a whole. Value types; no thread rule.
 #pragma once
 
 #include <cstdint>
@@ -41,11 +41,10 @@ struct TrainSummary {
   RunUse use;
   std::optional<EvaluationResult> last;  // the last evaluation
   uint64_t last_updates = 0;             // of the agent that it scored
-  bool has_evaluated = false;            // since the run was begun or resumed
   // Means over the last ten evaluations, or over all evaluations if there are fewer.
   double mean_return_of_last_ten = 0;
   std::optional<double> mean_score_of_last_ten;
-  std::string agent_path;
+  std::string agent_path;  // "" if there is no file of the agent that `last` scored
 };
 
 // The content of result.json: one JSON object, without a newline.
@@ -64,7 +63,8 @@ Result<UniqueFd> LockRunFolder(const std::string& folder);
 struct RunStatus {
   RunState state = RunState::kRunning;
   std::string reason;
-  uint64_t updates = 0;  // when the state was written: for a killed run, at its session's start
+  // When the state was written: for a killed run, where its session began or was resumed.
+  uint64_t updates = 0;
 };
 // Reads result.json without locking out a training. kIoError if the folder has no result.json: no
 // run, or a run killed before it began. kDataLoss if result.json cannot be parsed.

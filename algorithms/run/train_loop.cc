@@ -14,7 +14,6 @@
 #include "algorithms/base/within_memory.h"
 #include "algorithms/list.h"
 #include "algorithms/nn/products/blas.h"
-#include "algorithms/policy/agent_policy.h"
 #include "algorithms/run/check_opening.h"
 #include "algorithms/run/check_training.h"
 #include "algorithms/run/next_row.h"
@@ -27,6 +26,12 @@
 
 namespace b4mrl {
 namespace {
+
+// Whether an error says that the daemon may be gone; then nobody waits for its answers.
+bool MayBeLost(const Status& status) {
+  return status.code() == StatusCode::kUnavailable ||
+         status.code() == StatusCode::kDeadlineExceeded;
+}
 
 class TrainRun {
  public:
@@ -59,10 +64,11 @@ class TrainRun {
   void RefreshLedger();
   Status Checkpoint();
   Status WriteCheckpoint();
-  void KeepLastUpdate();
+  void KeepLastUpdate(const Status& error);
   bool ReachedScore() const;
+  TrainSummary PresentSummary() const;
   double Seconds() const { return seconds_before_ + SecondsSince(start_); }
-  Agent PresentAgent() const;
+  Agent PresentAgent() const { return AgentOfRun(options_, context_, *learner_, update_); }
 
   const TrainOptions& options_;
   Client& client_;
@@ -107,11 +113,12 @@ Status TrainRun::Open() {
   return resumes_ ? RestoreNewest() : log_->Begin();
 }
 
-// The earlier sessions of a resumed run. An unreadable record gives none: callers that need the
-// record have reported it.
+// The earlier sessions of a run that goes on. An unreadable record gives none: callers that need
+// the record have reported it. Without a checkpoint the folder's record may be of another run.
 std::vector<RunSession> TrainRun::EarlierSessions() const {
   const Result<RunRecord> record = ReadRunRecord(options_.folder);
   if (!record.ok() || record->sessions.empty()) return {};
+  if (!resumes_ && !IsRecordOf(*record, options_)) return {};
   const RunSession &last = record->sessions.back(), present = PresentSession();
   if (!last.ComputesAs(present)) {
     progress_.Message(
@@ -155,7 +162,9 @@ Status TrainRun::RestoreNewest() {
     if (status.ok()) {
       progress_.Message(fmt::format("resumed at update {}", update));
       SetAsideCheckpointsAfter(update, options_.folder);
-      return status;
+      const TrainSummary restored = PresentSummary();
+      log_->RemoveLaterAgent(restored);
+      return WriteResult(options_, restored);
     }
     progress_.Message(fmt::format("cannot resume at update {}: {}", update, status.ToString()));
     if (status.code() != StatusCode::kDataLoss) return status;
@@ -170,15 +179,19 @@ Status TrainRun::Restore(uint64_t update) {
   if (!opened.ok()) return Status(StatusCode::kDataLoss, opened.status().message());
   CheckpointReader& reader = *opened;
   update_ = reader.Unsigned("run/update");
+  if (reader.status().ok() && update_ != update) {
+    return Status(StatusCode::kDataLoss, fmt::format("the file is of update {}", update_));
+  }
   seconds_before_ = reader.Number("run/seconds");
   row_.Load(reader, update_, seconds_before_);
-  const Status loaded = reader.status().ok() ? learner_->Load(reader) : reader.status();
+  Status loaded = reader.status().ok() ? learner_->Load(reader) : reader.status();
+  if (loaded.ok()) {
+    ledger_->Load(reader);
+    loaded = log_->Load(reader);
+  }
   if (!reader.status().ok()) return Status(StatusCode::kDataLoss, reader.status().message());
-  B4MRL_RETURN_IF_ERROR(loaded);
-  ledger_->Load(reader);
-  B4MRL_RETURN_IF_ERROR(log_->Load(reader));
-  checkpoint_update_ = update_;
-  return Status();
+  if (loaded.ok()) checkpoint_update_ = update_;
+  return loaded;
 }
 
 Status TrainRun::Run() {
@@ -192,7 +205,7 @@ Status TrainRun::Run() {
   }
   is_prepared_ = true;
   const Status status = UpdateToTheEnd();
-  if (!status.ok()) KeepLastUpdate();
+  if (!status.ok()) KeepLastUpdate(status);
   progress_.Finish();
   return status;
 }
@@ -263,12 +276,10 @@ Status TrainRun::Evaluate() {
   return WriteRow(std::move(result));
 }
 
-// Evaluates the last update if it has no evaluation; update 0 has none. Checkpoints do not store
-// this evaluation. A row alone is none: a longer run, of which this is the end now, wrote it.
-Status TrainRun::Conclude() {
-  const bool is_evaluated = row_.Follows(update_) && update_ % options_.eval_every == 0;
-  return is_evaluated && update_ > 0 ? Status() : Evaluate();
-}
+// Evaluates the last update if it has no evaluation. Checkpoints do not store this evaluation. A
+// row alone is none: a longer run, of which this is the end now, wrote it, or one that evaluated at
+// other updates.
+Status TrainRun::Conclude() { return log_->HasEvaluated(update_) ? Status() : Evaluate(); }
 
 // Writes the present update's row, with its evaluation if there is one.
 Status TrainRun::WriteRow(std::optional<EvaluationResult> evaluation) {
@@ -310,47 +321,39 @@ Status TrainRun::WriteCheckpoint() {
   return Status();
 }
 
-// Writes a checkpoint after an error, without asking the daemon, which may be gone. If that fails,
-// too, the checkpoint before it remains.
-void TrainRun::KeepLastUpdate() {
+// Writes a checkpoint after an error, without asking a daemon that may be gone. If that fails, too,
+// the checkpoint before it remains.
+void TrainRun::KeepLastUpdate(const Status& error) {
   if (diverged_ || checkpoint_update_ == update_ || !learner_->outlives_daemon()) return;
+  if (!MayBeLost(error)) RefreshLedger();
   if (WriteCheckpoint().ok())
     progress_.Message(fmt::format("kept what there is at update {}", update_));
 }
 
+// Only the present update's evaluation counts: a score asked for on resuming may be below that of
+// an earlier one.
 bool TrainRun::ReachedScore() const {
-  if (!options_.stop_at_score || log_->evaluations().empty()) return false;
+  if (!options_.stop_at_score || !log_->HasEvaluated(update_)) return false;
   const std::optional<double>& score = log_->evaluations().back().score;
   return score && *score >= *options_.stop_at_score;
 }
 
-Agent TrainRun::PresentAgent() const {
-  Agent agent = MakeAgent(learner_->Policy(), options_.history_length, context_.ActionScale());
-  agent.provenance.environment = context_.environment.name;
-  agent.provenance.algorithm = options_.algorithm;
-  agent.provenance.seed = options_.seed;
-  agent.provenance.updates = update_;
-  agent.provenance.command = options_.command;
-  agent.provenance.simulator = options_.simulator;
-  agent.provenance.world = options_.world;
-  DatasetIdentity dataset = learner_->dataset_identity();
-  agent.provenance.dataset = std::move(dataset.full_name);
-  agent.provenance.dataset_sha256 = std::move(dataset.sha256);
-  agent.provenance.corruption = options_.corruption;
-  return agent;
-}
-
-TrainSummary TrainRun::Summary(const Status& status) {
-  // The last checkpoint of a run without an error has refreshed the ledger, if there was one. A
-  // daemon that is gone is not waited for.
-  const bool lost =
-      status.code() == StatusCode::kUnavailable || status.code() == StatusCode::kDeadlineExceeded;
-  if (!lost && !(status.ok() && is_prepared_)) RefreshLedger();
+// The summary of a run that goes on.
+TrainSummary TrainRun::PresentSummary() const {
   TrainSummary summary;
   summary.dataset = learner_->dataset_identity();
   summary.updates = update_;
   summary.environment_steps = learner_->environment_steps();
   summary.use = ledger_->use();
+  log_->Summarise(context_.environment, &summary);
+  return summary;
+}
+
+TrainSummary TrainRun::Summary(const Status& status) {
+  // The last checkpoint of a run without an error has refreshed the ledger, if there was one.
+  const bool lost = MayBeLost(status);
+  if (!lost && !(status.ok() && is_prepared_)) RefreshLedger();
+  TrainSummary summary = PresentSummary();
   if (!status.ok()) {
     // A wait for the daemon can be interrupted, too.
     summary.state = stop_ && lost ? RunState::kInterrupted : RunState::kFailed;
@@ -365,8 +368,6 @@ TrainSummary TrainRun::Summary(const Status& status) {
     summary.state = RunState::kInterrupted;
     summary.reason = "told to stop";
   }
-  log_->Summarise(context_.environment, &summary);
-  if (!summary.has_evaluated) TakeEarlierScores(options_.folder, &summary);
   return summary;
 }
 

@@ -263,8 +263,8 @@ std::vector<Command> AddDatasetMake(CLI::App& group) {
   app->add_option("--environment", command->environment,
                   "with \"all\": the environment whose datasets are made [every environment]");
   app->add_option("--rows", command->rows,
-                  "transitions to record; of a medium-replay, its newest whole episodes of at most "
-                  "so many [the recipe's, or 1000000]")
+                  "transitions to record; of a medium-replay, so many from the newest episode "
+                  "that leaves enough [the recipe's, or 1000000]")
       ->transform(Count(1, limits::kMaxDatasetRows));
   app->add_option("--seed", command->seed,
                   "seed of the episodes' starts and of the actions [the recipe's, or 0]")

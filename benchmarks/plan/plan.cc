@@ -166,7 +166,9 @@ Result<Json> Planner::DescribeDataset(const std::string& name) {
   const auto found = datasets_.find(name);
   if (found != datasets_.end()) return found->second;
   B4MRL_ASSIGN_OR_RETURN(Json described, sources_.describe_dataset(name));
-  if (budget_.rows) described["rows"] = *budget_.rows;
+  if (budget_.rows) {
+    described["rows"] = std::min(*budget_.rows, described.value("rows", *budget_.rows));
+  }
   datasets_.emplace(name, described);
   return described;
 }
@@ -311,9 +313,9 @@ Status CheckLearner(const UsersLearner& learner, const Budget& budget,
     return InvalidArgument("--name", learner.name,
                            fmt::format("1 to {} letters, digits and dashes", kMostNameCharacters));
   }
-  for (const Algorithm& algorithm : algorithms) {
-    if (algorithm.name != learner.name) continue;
-    return InvalidArgument("--name", learner.name, "a name that no algorithm of b4mrl has");
+  if (IsNameOfAlgorithm(learner.name, algorithms)) {
+    return InvalidArgument("--name", learner.name,
+                           "a name that no algorithm of b4mrl has, in capitals or not");
   }
   if (learner.command.empty()) return InvalidArgument("--learner", "", "a command");
   if (budget.learner_updates) return Status();
@@ -325,6 +327,13 @@ Status CheckLearner(const UsersLearner& learner, const Budget& budget,
 }
 
 }  // namespace
+
+bool IsNameOfAlgorithm(const std::string& name, std::span<const Algorithm> algorithms) {
+  const auto lower = [](char c) { return std::tolower(static_cast<unsigned char>(c)); };
+  return std::ranges::any_of(algorithms, [&](const Algorithm& algorithm) {
+    return std::ranges::equal(algorithm.name, name, {}, lower, lower);
+  });
+}
 
 Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
                                          const Budget& budget, const PlanChoice& choice,

@@ -64,6 +64,10 @@ struct PlannedRun {
   bool is_users() const { return !learner.empty(); }
 };
 
+// Whether a learner of the user's own of that name would pass for one of these: letters of either
+// case are the same, since reports write "TD3-BC" for td3-bc.
+bool IsNameOfAlgorithm(const std::string& name, std::span<const Algorithm> algorithms);
+
 // What a plan asks of the rest of the program.
 struct PlanSources {
   std::span<const Algorithm> algorithms;

@@ -53,13 +53,22 @@ Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedD
   }
   B4MRL_ASSIGN_OR_RETURN(const auto listed, client.ListDatasets());
   for (const pb::DatasetInfo& info : listed) {
-    if (info.name() == name && !info.sha256().empty()) {
-      return nlohmann::json{{"name", name}, {"rows", info.rows()}, {"sha256", info.sha256()}};
+    if (info.name() == name && !info.columns_sha256().empty()) {
+      return DescribeRows(name, info.rows(), info.columns_sha256());
     }
   }
   return Status(StatusCode::kFailedPrecondition,
                 fmt::format("dataset '{}' has no recipe and was not imported", name));
 }
+
+}  // namespace
+
+nlohmann::json DescribeRows(const std::string& name, uint64_t rows,
+                            const std::string& columns_sha256) {
+  return {{"name", name}, {"rows", rows}, {"columns_sha256", columns_sha256}};
+}
+
+namespace {
 
 Result<std::vector<Benchmark>> BenchmarksOf(const SuiteChoice& choice) {
   if (choice.source == "d4rl" && choice.learner) {

@@ -3,6 +3,8 @@
 // Thread rule: one thread.
 #pragma once
 
+#include <cstdint>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -27,6 +29,11 @@ struct SuiteChoice {
 
 // D4RL's dataset of the same level: "HalfCheetah/medium" is "d4rl/halfcheetah-medium-v2".
 std::string OfD4rl(const std::string& dataset);
+
+// What a dataset without a recipe holds, as plans describe it: its rows, not the file that they
+// came in, so equal rows make equal ids.
+nlohmann::json DescribeRows(const std::string& name, uint64_t rows,
+                            const std::string& columns_sha256);
 
 // The benchmarks that the patterns choose. kUnknownName for a pattern that fits none.
 Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice);

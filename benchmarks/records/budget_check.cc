@@ -26,7 +26,7 @@ std::optional<PlannedRun> PlannedBy(Budget budget, const Json& result,
     std::vector<Benchmark> benchmark = {*found};
     // D4RL's dataset of the same level may stand for the benchmark's.
     benchmark.front().dataset = DatasetName(result, sources);
-    const auto plan = MakePlan(benchmark, budget, choice, sources.plan);
+    const auto plan = MakePlan(benchmark, budget, choice, PlanSourcesFor(result, sources));
     if (plan.ok() && !plan->empty()) return plan->front();
   }
   return std::nullopt;

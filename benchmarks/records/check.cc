@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/run/check_training.h"
 #include "benchmarks/plan/perturbation_names.h"
 #include "benchmarks/plan/suite_plan.h"
@@ -116,6 +117,10 @@ void Checker::CheckEntries() {
   const std::string source = TextOf(result_, "source");
   if (source != "own" && source != "user" && source != "self-scored") {
     Fault(fmt::format("source is '{}', allowed: own, user, self-scored", source));
+  }
+  const std::string algorithm = TextOf(result_, "algorithm");
+  if (IsUsers() && IsNameOfAlgorithm(algorithm, sources_.plan.algorithms)) {
+    Fault(fmt::format("algorithm is '{}', a name of b4mrl's own", algorithm));
   }
 }
 
@@ -256,8 +261,8 @@ Result<PlannedRun> Checker::Described() const {
 
 Result<PlannedRun> Checker::Identify() const {
   B4MRL_ASSIGN_OR_RETURN(PlannedRun run, Described());
-  B4MRL_RETURN_IF_ERROR(
-      IdentifyRun(&run, CountOf(EntryOf(result_, "dataset"), "rows"), sources_.plan));
+  B4MRL_RETURN_IF_ERROR(IdentifyRun(&run, CountOf(EntryOf(result_, "dataset"), "rows"),
+                                    PlanSourcesFor(result_, sources_)));
   return run;
 }
 
@@ -342,6 +347,18 @@ std::string DatasetName(const Json& result, const CheckSources& sources) {
   // "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
   const std::string name = TextOf(EntryOf(result, "dataset"), "name");
   return sources.published->contains(name) ? std::string(WithoutVersion(name)) : name;
+}
+
+PlanSources PlanSourcesFor(const Json& result, const CheckSources& sources) {
+  PlanSources plan = sources.plan;
+  plan.describe_dataset =
+      [&result, own = plan.describe_dataset](const std::string& name) -> Result<nlohmann::json> {
+    if (FindRecipe(name) != nullptr) return own(name);
+    const Json& dataset = EntryOf(result, "dataset");
+    return DescribeRows(name, CountOf(dataset, "rows").value_or(0),
+                        TextOf(dataset, "columns_sha256"));
+  };
+  return plan;
 }
 
 Result<PlannedRun> RunOfResult(const Json& result, const CheckSources& sources) {

@@ -27,6 +27,11 @@ struct CheckSources {
 // The name of a result's dataset as plans have it, without its version.
 std::string DatasetName(const nlohmann::ordered_json& result, const CheckSources& sources);
 
+// What plans for a result ask of the rest of the program. A dataset without a recipe, the user's
+// own or D4RL's, holds what the result says: whoever checks it need not have it. `result` outlives
+// it.
+PlanSources PlanSourcesFor(const nlohmann::ordered_json& result, const CheckSources& sources);
+
 // The run of a result, with its ids. kUnknownName and others where its entries make none.
 Result<PlannedRun> RunOfResult(const nlohmann::ordered_json& result, const CheckSources& sources);
 

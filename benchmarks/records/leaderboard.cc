@@ -94,13 +94,20 @@ std::set<std::string> KnownBenchmarks(const Json& result, const std::string& fil
 struct Cell {
   std::vector<const Json*> results;
   bool has_copies = false;  // of one seed's numbers under the name of another one
+  bool has_twins = false;   // two runs of one seed
 
-  // Of a run that two files tell of, the one that came further counts.
+  // Of a seed that two files tell of the one that came further counts, then fp32, as in the report.
+  // Two runs of one seed, in two precisions for one, make no entry.
   void Add(const Json* result) {
-    const std::string id = TextOf(*result, "id");
+    const auto seed = CountOf(*result, "seed");
+    const auto rank = [](const Json& of) {
+      return std::pair(CountOf(of, "updates"), TextOf(of, "precision"));
+    };
     for (const Json*& other : results) {
-      if (id.empty() || TextOf(*other, "id") != id) continue;
-      if (CountOf(*result, "updates") > CountOf(*other, "updates")) other = result;
+      if (!seed || CountOf(*other, "seed") != seed) continue;
+      const std::string id = TextOf(*result, "id");
+      has_twins |= id.empty() || TextOf(*other, "id") != id;
+      if (rank(*result) > rank(*other)) other = result;
       return;
     }
     results.push_back(result);
@@ -141,7 +148,7 @@ struct Cell {
     });
     return std::ranges::all_of(kSeedsOfAnEntry, [&](uint64_t s) { return seeds.contains(s); }) &&
            seeds.size() == results.size() && updates.size() == 1 && are_ruled && AreScored() &&
-           Texts("precision").size() == 1 && !has_copies;
+           Texts("precision").size() == 1 && !has_copies && !has_twins;
   }
 };
 

@@ -182,6 +182,16 @@ void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json
                 {"settled", settled ? Json(*settled) : Json()}});
 }
 
+// A further scoring changes nothing of what was trained, for which budget and by which program.
+void KeepOrigin(const std::string& path, Json* json) {
+  const Result<Json> before = ReadJsonObject(path);
+  if (!before.ok() || !IsTrue(*before, "finished") || EntryOf(*before, "curve") != (*json)["curve"])
+    return;
+  for (const char* key : {"budget", "planned_updates", "version", "commit"}) {
+    if (before->contains(key)) (*json)[key] = EntryOf(*before, key);
+  }
+}
+
 }  // namespace
 
 std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
@@ -250,6 +260,7 @@ Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_fol
   json["agent_sha256"] = agent.ok() ? Json(*agent) : Json();
   json["curve_columns"] = {"updates", "steps", "return", "std", "score"};
   json["curve"] = JsonOf(curve);
+  if (before) KeepOrigin(path, &json);
   B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, LinesOf(json)));
   return updates;
 }

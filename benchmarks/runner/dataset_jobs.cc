@@ -69,7 +69,9 @@ Result<std::optional<Job>> DatasetJobs::Begin(const PlannedRun& run) {
   if (!claim.valid() || IsMadeElsewhere(run.full_dataset)) return std::optional<Job>();
   std::vector<std::string> words = {"dataset", "make", run.full_dataset, "--quiet"};
   words.insert(words.end(), place_.daemon_words.begin(), place_.daemon_words.end());
-  if (place_.rows) words.insert(words.end(), {"--rows", fmt::format("{}", *place_.rows)});
+  if (place_.makes_own_rows && run.rows) {
+    words.insert(words.end(), {"--rows", fmt::format("{}", *run.rows)});
+  }
   B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(ToolOrder(words, stem + ".log"), std::move(claim)));
   return std::optional(std::move(job));
 }

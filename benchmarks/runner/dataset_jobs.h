@@ -24,7 +24,7 @@ struct DatasetPlace {
   std::string folder;                     // DIR
   std::string data_folder;                // of the daemon, perhaps on another machine
   std::vector<std::string> daemon_words;  // options of a command that choose its daemon
-  std::optional<uint64_t> rows;           // that datasets are made with; nothing: all
+  bool makes_own_rows = false;            // as many as its run has, not the recipe's
 };
 
 class DatasetJobs {

@@ -216,10 +216,11 @@ int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
 }
 
 Result<PrivateDaemon> BenchmarkCommand::StartDaemon(const std::string& data_folder) const {
-  PrivateDaemonOptions own = {.data_folder = data_folder};
+  PrivateDaemonOptions own = {.data_folder = data_folder, .arguments = {"--lease", "86400"}};
   own.no_data = access(data_folder.c_str(), F_OK) != 0;
-  // It checks the suites, and a learner of the user's own asks it for the benchmark.
-  if (!options.suites.empty()) own.arguments = {"--suites", options.suites};
+  // It checks the suites, and a learner of the user's own, which may compute for hours between two
+  // requests, asks it for the benchmark.
+  if (!options.suites.empty()) own.arguments.push_back("--suites=" + options.suites);
   return PrivateDaemon::Start(own);
 }
 

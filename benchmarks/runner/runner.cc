@@ -32,7 +32,8 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
     : options_(options),
       budget_(budget),
       client_(client),
-      datasets_(client, {options.folder, options.data_folder, DaemonWords(), budget.rows}),
+      datasets_(client,
+                {options.folder, options.data_folder, DaemonWords(), budget.rows.has_value()}),
       end_(Deadline::AfterMs(static_cast<int64_t>(options.hours * 3'600'000))),
       line_(options.quiet) {
   for (const PlannedRun& run : plan) {

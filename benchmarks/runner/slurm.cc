@@ -66,10 +66,12 @@ exit $code
 
 // What the script and the look at the queue rest on may not be replaced.
 Status CheckOption(const std::string& option) {
+  // sbatch takes a value behind a space too, and the beginning of a name for the name.
+  const std::string_view name = std::string_view(option).substr(0, option.find_first_of("= "));
   for (const std::string_view own :
        {"--job-name", "--array", "--signal", "--requeue", "--no-requeue", "--open-mode", "--wrap",
         "--parsable", "--clusters"}) {
-    if (option == own || option.starts_with(std::string(own) + "=")) {
+    if (name.size() > 2 && own.starts_with(name)) {
       return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
     }
   }

@@ -33,7 +33,8 @@
 
 namespace b4mrl {
 
-// Largest number of elements that ReadFloats reads; writers of such arrays must not exceed it.
+// Largest number of elements that ReadFloats reads; writers of such arrays must not exceed it. An
+// array of so many floats is also the largest chunk that any column may have.
 inline constexpr uint64_t kMaxReadFloats = 80ull << 20;
 
 enum class Hdf5Type { kFloat32, kFloat64, kInteger, kBool, kString };

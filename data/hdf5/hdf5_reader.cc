@@ -17,7 +17,9 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kMaxStringBytes = 64 * 1024;
-constexpr uint64_t kMaxChunkBytes = 256ull << 20;
+// WriteArray stores an array as one chunk, so that the longest array that ReadFloats takes is the
+// largest chunk. The importer unpacks chunks of strangers in 2 GiB, which hold several of these.
+constexpr uint64_t kMaxChunkBytes = kMaxReadFloats * sizeof(float);
 constexpr uint64_t kMaxBlockBytes = 64ull << 20;
 constexpr uint64_t kDefaultBlockRows = 65536;
 constexpr int kMaxFilters = 4;

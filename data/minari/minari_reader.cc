@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kMaxBlockBytes = 16 << 20;  // of the observations of a block
+constexpr uint64_t kMaxBlockBytes = 16 << 20;  // of a block's rows
 
 }  // namespace
 
@@ -134,7 +134,9 @@ uint64_t MinariReader::EndEpisode(uint64_t number, Block* block) const {
 
 Status MinariReader::CopyTo(DatasetWriter& writer, uint64_t* unfinished,
                             const std::function<Status(uint64_t rows)>& go_on) const {
-  const uint64_t block_rows = kMaxBlockBytes / (observation_size() * sizeof(float));
+  // Observations, actions, the reward and the flags of a row.
+  const uint64_t row_bytes = (observation_size() + action_size() + 2) * sizeof(float);
+  const uint64_t block_rows = std::max<uint64_t>(kMaxBlockBytes / row_bytes, 1);
   constexpr uint64_t kRowsBetweenCalls = 8192;
   uint64_t called_at = 0;
   *unfinished = 0;

@@ -9,6 +9,7 @@
 #include "tests/integration/support/daemon.h"
 #include "tests/integration/support/lane_walk.h"
 #include "tests/integration/support/network_namespace.h"
+#include "tests/integration/support/queries_under_way.h"
 #include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
@@ -151,13 +152,15 @@ TEST_CASE("A worker that does not answer holds up nobody at the gateway") {
   REQUIRE(LookAt(client, "worker-0").process_id != worker);
 }
 
-TEST_CASE("SIGTERM under relayed load drains in time") {
+TEST_CASE("SIGTERM under relayed load drains in time, and what was begun is answered") {
   PrivateDaemon daemon = StartSinglePort();
   Client client = Connect(daemon.endpoint());
   LaneWalk walk = OpenWalk(client);
   REQUIRE(walk.RunTo(5).ok());
-  REQUIRE(walk.Advance().ok());
+  QueriesUnderWay queries(client, walk.environment(), "worker-0");
   const Clock::time_point start = Clock::now();
+  REQUIRE(kill(daemon.process_id(), SIGTERM) == 0);
+  queries.RequireAnswers();
   const int wait_status = daemon.Stop();
   REQUIRE(WIFEXITED(wait_status));
   REQUIRE(WEXITSTATUS(wait_status) == 0);

@@ -249,6 +249,35 @@ TEST_CASE("A full cache lets the longest unused ensembles go") {
   CHECK(fs::exists(cached[2]));
 }
 
+TEST_CASE("An ensemble for which the whole cache has no room is not kept, and removes no other") {
+  TemporaryFolder folder;
+  const Rows rows;
+  EnsembleFiles files = FilesIn(folder, "run");
+  const std::string small = CacheFile(folder, TrainIn(files, rows).key);
+  REQUIRE(fs::exists(small));
+  files.cache_bytes_max = fs::file_size(small) + 100;
+  DynamicsEnsembleOptions options = Small();
+  options.hidden = {64, 64, 64, 64};
+  const std::string large = CacheFile(folder, TrainIn(files, rows, options).key);
+  CHECK_FALSE(fs::exists(large));
+  CHECK(fs::exists(small));
+}
+
+TEST_CASE("An ensemble whose hold-out errors all overflow fails instead of staying untrained") {
+  TemporaryFolder folder;
+  Rows rows;
+  rows.targets.view()(0, 299) = 1e30f;  // held out; its square is no float
+  Result<DynamicsEnsemble<float>> ensemble = DynamicsEnsemble<float>::Create(Small());
+  REQUIRE(ensemble.ok());
+  Progress quiet(true);
+  const EnsembleFiles files = FilesIn(folder, "run");
+  fs::create_directories(files.run_folder);
+  const Status status = TrainEnsemble(rows.view(), files, *ensemble, quiet, kNeverStops).status();
+  CHECK(status.code() == StatusCode::kFailedPrecondition);
+  CHECK(status.message().find("hold-out error") != std::string::npos);
+  CHECK_FALSE(fs::exists(files.cache_folder));
+}
+
 TEST_CASE("A cache that cannot be written fails no run, and an ensemble that diverges does") {
   TemporaryFolder folder;
   Rows rows;

@@ -211,6 +211,27 @@ TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
   CHECK(ReadBytes(options.folder + "/unreadable-checkpoint-60.h5") == damaged);
 }
 
+TEST_CASE("A newest checkpoint that lacks a log's length or is another update's is passed over") {
+  const bool is_older = GENERATE(false, true);
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  RunTraining(options, daemon.client());
+  std::filesystem::copy(options.folder + "/agent.h5", daemon.folder("straight.h5"));
+  std::string damaged = ReadBytes(CheckpointPath(options.folder, is_older ? 30 : 60));
+  if (!is_older) {
+    const size_t name = damaged.find("json_bytes");
+    REQUIRE(name != std::string::npos);
+    damaged[name + 3] = 'o';  // the entry has another name then
+  }
+  WriteBytes(CheckpointPath(options.folder, 60), damaged);
+  options.resume = true;
+  CHECK(RunTraining(options, daemon.client()).updates == 60);
+  CHECK((ReadBytes(options.folder + "/unreadable-checkpoint-60.h5") == damaged));
+  CHECK(Take(ListCheckpoints(options.folder)) == std::vector<uint64_t>{60, 30});
+  RequireEqualAgents(daemon.folder("straight.h5"), options.folder + "/agent.h5");
+}
+
 TEST_CASE("A checkpoint that a full disk keeps from being resumed stays the newest") {
   TestDaemon daemon;
   TrainOptions options = SmallRun("sac", daemon.folder("run"));
@@ -354,6 +375,19 @@ TEST_CASE("A run ends at the first evaluation that reaches the score asked for")
   CHECK(summary.updates == options.eval_every);
   CHECK(summary.state == RunState::kFinished);
   CHECK(summary.reason.find("-1000") != std::string::npos);
+}
+
+TEST_CASE("A score asked for on resuming ends no run at an update that nobody evaluated") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  options.updates = 45;
+  RunTraining(options, daemon.client());  // its checkpoint has the evaluation at 30 alone
+  options.updates = 75;
+  options.resume = true;
+  options.stop_at_score = -1000;
+  const TrainSummary summary = RunTraining(options, daemon.client());
+  CHECK(summary.updates == 60);
+  CHECK(summary.last_updates == 60);
 }
 
 }  // namespace b4mrl

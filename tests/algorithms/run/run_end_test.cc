@@ -228,10 +228,12 @@ TEST_CASE("A run says that it is running, and a continued one no longer that it 
   TrainOptions options = SmallRun("td3-bc", folder.File("run"));
   options.updates = 20;
   std::atomic<bool> said_running = false;
+  std::atomic<uint64_t> said_updates = 1;
   LosableDaemon daemon([&](const pb::Request& request) {
     if (!IsSampleOf(request, "batches", 25)) return false;
     const auto status = ReadRunStatus(options.folder);
     said_running = status.ok() && status->state == RunState::kRunning;
+    if (status.ok()) said_updates = status->updates;
     return true;
   });
   Client client = daemon.Connect();
@@ -248,8 +250,10 @@ TEST_CASE("A run says that it is running, and a continued one no longer that it 
   options.resume = true;
   options.updates = 60;
   daemon.lost = true;
+  std::filesystem::remove(CheckpointPath(options.folder, 20));
   CHECK_FALSE(TryTraining(options, client).ok());
   CHECK(said_running);
+  CHECK(said_updates == 0);  // those of the checkpoint that it goes on from
   const nlohmann::json after = ResultOf(options);
   CHECK(after["state"] == "failed");
   CHECK(after["updates"] > 20);
@@ -298,6 +302,11 @@ TEST_CASE("A run that failed says what it has used, unless that means to wait fo
   const TrainOptions options = SmallRun("td3-bc", folder.File("run"));
   CHECK(TryTraining(options, client).status().code() == daemon.loss);
   CHECK(ResultOf(options)["ledger"]["dataset_rows"] == (gone ? 0 : 77));
+  // The checkpoint of its last update says the same, from which a resumed run counts on.
+  const uint64_t kept = Take(ListCheckpoints(options.folder)).front();
+  REQUIRE(kept > 0);
+  CheckpointReader reader = Take(CheckpointReader::Open(CheckpointPath(options.folder, kept)));
+  CHECK(reader.Unsigned("run/ledger/dataset_rows") == (gone ? 0 : 77));
   CHECK((daemon.asked_for_ledgers == 0) == gone);
 }
 
@@ -359,6 +368,7 @@ TEST_CASE("A run that is ended at a row without an evaluation is evaluated there
   REQUIRE(Take(ListCheckpoints(cut.folder)).front() == 25);
   cut.resume = true;
   cut.updates = 25;
+  cut.eval_every = GENERATE(20, 25);  // the latter as if the row had an evaluation
   const TrainSummary ended = Take(TryTraining(cut, client));
   CHECK(ended.updates == 25);
   CHECK(ended.last->returns == expected.last->returns);

@@ -1,5 +1,7 @@
 // What the options of a run decide, and what its agent and its result say about them.
+#include <atomic>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <numeric>
 #include <span>
 #include <string>
@@ -44,6 +46,23 @@ TEST_CASE("How a run sees its dataset, and how it computes, decide what it learn
   const std::vector<float> learned = Learned(daemon, options);
   CHECK(Learned(daemon, options) == learned);
   CHECK(Learned(daemon, other) != learned);
+}
+
+TEST_CASE("A simulator without queries is refused to who asks them before the run has a folder") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions options = SmallRun("hymopo", daemon.folder("run"));
+  options.simulator = "action-delay";
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  const Status refused = Train(options, daemon.client(), quiet, stop).status();
+  CHECK(refused.code() == StatusCode::kUnsupported);
+  CHECK(refused.message().find("action-delay") != std::string::npos);
+  CHECK_FALSE(std::filesystem::exists(options.folder));
+  // Learners that step it can have it.
+  TrainOptions steps = SmallRun("h2o", daemon.folder("steps"));
+  steps.simulator = "action-delay";
+  CHECK(RunTraining(steps, daemon.client()).updates == steps.updates);
 }
 
 TEST_CASE("An agent names the run that it comes from") {

@@ -4,9 +4,11 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "algorithms/base/hyperparameters.h"
 #include "data/files/atomic_file.h"
 #include "tests/data/temporary_folder.h"
 
@@ -121,6 +123,41 @@ TEST_CASE("What a run's record keeps is what is read from it") {
   CHECK(record->options.seed == UINT64_MAX);
   CHECK(record->options.precision == Precision::kBf16);
   CHECK(record->options.eval_every == TrainOptions().eval_every);
+}
+
+TEST_CASE("A record is a run's if identity and hyperparameters are, whatever length it has") {
+  const TemporaryFolder folder;
+  TrainOptions options;
+  options.algorithm = "mopo";
+  options.environment = "HalfCheetah";
+  options.dataset = "HalfCheetah/medium-v0";
+  options.folder = folder.File("");
+  const HyperparameterTable table = {
+      Real("gamma", 0.99, {0, 1}, "discount"),
+      Choice("actor", "deterministic|gaussian", 0, "policy", ""),
+      WithoutEffect(Switch("cache", true, "", "")),
+  };
+  options.hyperparameters = Hyperparameters(table);
+  REQUIRE(options.hyperparameters.Set("gamma", 0.1).ok());
+  REQUIRE(WriteRunRecord(options).ok());
+  const Result<RunRecord> record = ReadRunRecord(options.folder);
+  REQUIRE(record.ok());
+  CHECK(IsRecordOf(*record, options));
+  TrainOptions other = options;
+  other.updates = 5;
+  other.threads = 3;
+  REQUIRE(other.hyperparameters.SetText("cache", "false").ok());
+  CHECK(IsRecordOf(*record, other));
+  SECTION("algorithm") { other.algorithm = "hymopo"; }
+  SECTION("seed") { other.seed = 1; }
+  SECTION("dataset") { other.dataset = "HalfCheetah/medium-v1"; }
+  SECTION("precision") { other.precision = Precision::kBf16; }
+  SECTION("a number") { REQUIRE(other.hyperparameters.Set("gamma", 0.2).ok()); }
+  SECTION("a choice") { REQUIRE(other.hyperparameters.SetText("actor", "gaussian").ok()); }
+  SECTION("a name that is not known") {
+    other.hyperparameters = Hyperparameters(std::span(table).first(2));
+  }
+  CHECK_FALSE(IsRecordOf(*record, other));
 }
 
 TEST_CASE("A record without a precision is of a run in fp32, and an unknown one is refused") {

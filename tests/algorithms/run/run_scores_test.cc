@@ -1,11 +1,14 @@
 // Which agent's scores a run's result tells, whenever it is stopped.
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <string>
 
+#include "algorithms/base/checkpoint.h"
 #include "data/d4rl/agent_file.h"
-#include "tests/algorithms/test_daemon.h"
 #include "tests/algorithms/run/small_run.h"
+#include "tests/algorithms/test_daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -45,6 +48,27 @@ TEST_CASE("A run that goes on and is stopped keeps the scores of its last evalua
   CHECK(RunAndStop(options, daemon.client()).last_updates == 30);  // the checkpoint's
   CHECK(RunTraining(options, daemon.client()).last_updates == 60);
   CHECK(ResultOf(options)["evaluation_updates"] == 60);
+}
+
+TEST_CASE("A result names no agent of an evaluation that a kill has cut off") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  const TrainSummary whole = RunTraining(options, daemon.client());
+  const std::string agent = ReadBytes(whole.agent_path);
+  // As if the process had been killed between the evaluation at 60 and its checkpoint.
+  std::filesystem::remove(CheckpointPath(options.folder, 60));
+  WriteBytes(options.folder + "/result.json", R"({"state":"running","reason":"","updates":0})");
+  options.resume = true;
+  const TrainSummary stopped = RunAndStop(options, daemon.client());
+  CHECK(stopped.last_updates == 30);
+  CHECK(stopped.agent_path.empty());
+  CHECK_FALSE(ResultOf(options).contains("agent"));
+  CHECK_FALSE(std::filesystem::exists(options.folder + "/agent.h5"));
+  const TrainSummary resumed = RunTraining(options, daemon.client());
+  CHECK(resumed.last_updates == 60);
+  CHECK(ResultOf(options)["agent"] == resumed.agent_path);
+  CHECK((ReadBytes(resumed.agent_path) == agent));
 }
 
 TEST_CASE("A run without updates that is stopped as it prepares has not finished") {

@@ -113,7 +113,7 @@ TEST_CASE("A checkpoint gives back what was put in, and names what does not fit"
   writer.Floats("a/empty", {});
   writer.Bytes("a/bytes", bytes);
   writer.Unsigned("a/unsigned", UINT64_MAX);
-  writer.Integer("a/integer", -5);
+  writer.Integer("a/integer", 5);
   writer.Number("a/number", 0.1);
   RequireOk(writer.Commit());
 
@@ -122,11 +122,40 @@ TEST_CASE("A checkpoint gives back what was put in, and names what does not fit"
   CHECK(reader.Floats("a/empty").empty());
   CHECK(reader.Bytes("a/bytes") == bytes);
   CHECK(reader.Unsigned("a/unsigned") == UINT64_MAX);
-  CHECK(reader.Integer("a/integer") == -5);
+  CHECK(reader.Integer("a/integer") == 5);
   CHECK(reader.Number("a/number") == 0.1);
   RequireOk(reader.status());
   std::vector<float> two(2);
   reader.FloatsInto("a/floats", two);
+  CHECK(reader.status().code() == StatusCode::kDataLoss);
+}
+
+TEST_CASE("Numbers of a checkpoint that are no integers, counters or bytes are damage") {
+  TemporaryFolder folder;
+  const std::string path = CheckpointPath(folder.path(), 7);
+  CheckpointWriter writer = Take(CheckpointWriter::Create(path));
+  const std::vector<std::string> wrong = {"negative", "half", "nan", "huge"};
+  const double values[] = {-1, 0.5, std::nan(""), 1e300};
+  for (size_t i = 0; i < wrong.size(); ++i) writer.Number("core/" + wrong[i], values[i]);
+  writer.Floats("core/bytes", std::vector<float>{1, 256});
+  writer.Number("core/most", 9007199254740992.0);
+  RequireOk(writer.Commit());
+  for (const std::string& name : wrong) {
+    INFO(name);
+    CheckpointReader integer = Take(CheckpointReader::Open(path));
+    CHECK(integer.Integer("core/" + name) == 0);
+    CHECK(integer.status().code() == StatusCode::kDataLoss);
+    CHECK(integer.status().message().find("core/" + name) != std::string::npos);
+    CheckpointReader counter = Take(CheckpointReader::Open(path));
+    int64_t steps = 3;
+    counter.Counters("core")({name, &steps});
+    CHECK(steps == 3);
+    CHECK(counter.status().code() == StatusCode::kDataLoss);
+  }
+  CheckpointReader reader = Take(CheckpointReader::Open(path));
+  CHECK(reader.Integer("core/most") == int64_t{1} << 53);
+  RequireOk(reader.status());
+  CHECK(reader.Bytes("core/bytes").empty());
   CHECK(reader.status().code() == StatusCode::kDataLoss);
 }
 

@@ -102,6 +102,16 @@ TEST_CASE("Seeds with different updates have no mean of them") {
   CHECK(results.Rows()[0].find(",2,100-400,yes,") != std::string::npos);
 }
 
+TEST_CASE("A seed counts once, as often as it was trained in another precision") {
+  Results results;
+  Json other = ResultOf("mine", 0, 70);
+  other["precision"] = "bf16";
+  results.Add(other);
+  results.Add(ResultOf("mine", 0, 10));
+  results.Add(ResultOf("mine", 1, 20));
+  CHECK(results.Rows().front().starts_with("E/a,mine,,own,E/data-v0,9,aa,15.00,"));
+}
+
 TEST_CASE("Rows of different data, precisions or scorers are no entry") {
   const std::pair<const char*, Json> changes[] = {{"/precision", "bf16"},
                                                   {"/updates", 50},

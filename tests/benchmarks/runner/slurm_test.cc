@@ -156,9 +156,9 @@ TEST_CASE("What cannot stand in a batch script is refused") {
   SlurmJob job = {.folder = "a%b"};
   CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);
   job.folder = "suite";
-  for (const char* option :
-       {"partition=long", "", "--comment=a\nrm -r x", "--job-name=mine", "-J x", "--array=0-9",
-        "-a1", "--no-requeue", "--signal=TERM@9", "--clusters=c2", "-M c2"}) {
+  for (const char* option : {"partition=long", "", "--comment=a\nrm -r x", "--job-name=mine",
+                             "-J x", "--array=0-9", "-a1", "--no-requeue", "--signal=TERM@9",
+                             "--clusters=c2", "-M c2", "--job-name mine", "--arr=0-9"}) {
     CAPTURE(option);
     job.sbatch_options = {option};
     CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);

@@ -138,12 +138,22 @@ TEST_CASE("declared sizes are capped before anything is allocated") {
   CHECK(CodeOfOpening({.extents = {1 << 28, 1}, .chunk = {1 << 27, 1}, .write = false}) ==
         StatusCode::kLimitExceeded);
   // Chunks are limited in bytes: this one has fewer elements than that.
-  CHECK(CodeOfOpening({.extents = {90'000'000, 1}, .chunk = {80'000'000, 1}, .write = false}) ==
+  CHECK(CodeOfOpening({.extents = {90'000'000, 1}, .chunk = {84'000'000, 1}, .write = false}) ==
         StatusCode::kLimitExceeded);
   // Within the limits, but a file of a few KiB cannot hold it.
   CHECK(CodeOfOpening({.extents = {50'000'000, 17}, .chunk = {1024, 17}, .write = false}) ==
         StatusCode::kDataLoss);
   CHECK(CodeOfOpening({.extents = {2, 2, 3}, .write = false}) == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("the chunk of the longest array that may be written is within the reader's limit") {
+  // Without values, which would take 320 MiB: past the limit on chunks, the missing bytes are what
+  // is wrong.
+  constexpr hsize_t kMost = kMaxReadFloats;
+  CHECK(CodeOfOpening({.extents = {kMost}, .chunk = {kMost}, .write = false}) ==
+        StatusCode::kDataLoss);
+  CHECK(CodeOfOpening({.extents = {kMost + 1}, .chunk = {kMost + 1}, .write = false}) ==
+        StatusCode::kLimitExceeded);
 }
 
 TEST_CASE("holes of a sparse file hold no rows") {
