@@ -47,6 +47,11 @@ if(B4MRL_SANITIZE)
     add_compile_options(-Wno-tsan)
   endif()
   add_link_options(-fsanitize=${B4MRL_SANITIZE})
+  if(B4MRL_SANITIZE MATCHES "address" AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    # As shared libraries, GCC's two runtimes share the function that sets the file of reports but not the file:
+    # what UndefinedBehaviorSanitizer finds would not get there. Linked into the program they are one.
+    add_link_options(-static-libasan -static-libubsan)
+  endif()
 endif()
 if(B4MRL_COVERAGE)
   # Threads of one process share the counters.
