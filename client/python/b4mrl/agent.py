@@ -12,6 +12,7 @@ import os
 import reprlib
 import secrets
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -196,7 +197,7 @@ def save_agent(
 
     The policy is action_scale * tanh(last layer), where every other layer is followed by
     `activation`, and the input is (observation - observation_mean) / observation_std, 0 where the
-    mask is False. The file appears whole or not at all.
+    mask is False. The file appears whole or not at all; its folder is made if it is missing.
 
     Args:
         layers: (weight, bias) of each layer, arrays or PyTorch tensors of shapes (outputs, inputs)
@@ -206,14 +207,13 @@ def save_agent(
         mask: bool for each dimension of an observation: whether the policy sees it, such as
             Benchmark.mask. None: all of them.
         observation_mean, observation_std: for each dimension of an observation. None: 0 and 1.
+            A deviation is above 0, or 0 where the mask is False.
         action_scale: largest action of each dimension. None: 1.
         history_length: number of latest observations that the first layer takes, oldest first.
         algorithm, seed, updates: what trained the agent; kept in the file.
 
     InvalidArgumentError: what no agent file can hold; the message names what is allowed.
     """
-    import h5py  # only here: HDF5 is slow to import
-
     target = checks.path("path", path)
     if not target.name:
         raise InvalidArgumentError(f"path is {str(path)!r}, allowed: the path of a file")
@@ -223,10 +223,6 @@ def save_agent(
         )
     read = _readable_layers(layers)
     inputs, actions = read[0][0].shape[1], len(read[-1][1])
-    if actions > limits.MAX_ACTION_DIMENSIONS:
-        raise InvalidArgumentError(
-            f"the last layer has {actions} outputs, allowed: 1..{limits.MAX_ACTION_DIMENSIONS}"
-        )
     history_length = checks.integer("history_length", history_length, 1, MAX_HISTORY)
     if inputs % history_length:
         raise InvalidArgumentError(
@@ -234,6 +230,7 @@ def save_agent(
             f"{inputs} inputs, at most {MAX_HISTORY}"
         )
     size = inputs // history_length
+    sees = _given_vector("mask", mask, size, 1) != 0
     entries: dict[str, Any] = {
         "environment": _given_text("environment", environment),
         "algorithm": _given_text("algorithm", algorithm),
@@ -242,18 +239,22 @@ def save_agent(
         "policy/nonlinearity": activation,
         "policy/output_distribution": "tanh",
         "policy/history_length": history_length,
-        "policy/observation_mask": _given_vector("mask", mask, np.ones(size)) != 0,
-        "policy/observation_mean": _given_vector(
-            "observation_mean", observation_mean, np.zeros(size)
-        ),
-        "policy/observation_std": _given_vector("observation_std", observation_std, np.ones(size)),
-        "policy/action_scale": _given_vector("action_scale", action_scale, np.ones(actions)),
+        "policy/observation_mask": sees,
+        "policy/observation_mean": _given_vector("observation_mean", observation_mean, size, 0),
+        "policy/observation_std": _given_std(observation_std, sees),
+        "policy/action_scale": _given_vector("action_scale", action_scale, actions, 1),
     }
-    if not (entries["policy/observation_std"] > 0).all():
-        raise InvalidArgumentError("observation_std has a number that is not above 0")
     names = [*(f"fc{i}" for i in range(len(read) - 1)), "last_fc"]
     for name, (weight, bias) in zip(names, read):
         entries |= {f"policy/{name}/weight": weight, f"policy/{name}/bias": bias}
+    _write(target, entries)
+
+
+def _write(target: Path, entries: Mapping[str, Any]) -> None:
+    """Writes the entries of `metadata`, whole or not at all; makes the file's folder."""
+    import h5py  # only here: HDF5 is slow to import
+
+    target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f".{target.name}.{secrets.token_hex(8)}")
     try:
         with h5py.File(unfinished, "w", libver=("earliest", "v110")) as file:
@@ -292,6 +293,11 @@ def _readable_layers(layers: Sequence[tuple[Any, Any]]) -> list[Layer]:
         if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
             raise InvalidArgumentError(f"layers[{i}] has a number that is not finite")
         read.append((matrix, vector))
+    if len(read[-1][1]) > limits.MAX_ACTION_DIMENSIONS:
+        raise InvalidArgumentError(
+            f"the last layer has {len(read[-1][1])} outputs, allowed: "
+            f"1..{limits.MAX_ACTION_DIMENSIONS}"
+        )
     return read
 
 
@@ -311,13 +317,25 @@ def _given_text(name: str, given: Any) -> str:
     return value
 
 
-def _given_vector(name: str, given: Any, default: NDArray[Any]) -> Vector:
-    value = _numbers(name, default if given is None else given).reshape(-1)
-    if value.shape != default.shape or not np.isfinite(value).all():
+def _given_vector(name: str, given: Any, size: int, default: float) -> Vector:
+    value = _numbers(name, np.full(size, default) if given is None else given).reshape(-1)
+    if len(value) != size or not np.isfinite(value).all():
         raise InvalidArgumentError(
-            f"{name} has {value.size} entries, allowed: {default.size}, all of them finite"
+            f"{name} has {len(value)} entries, allowed: {size}, all of them finite"
         )
     return value
+
+
+def _given_std(given: Any, sees: NDArray[np.bool_]) -> Vector:
+    """The deviations, above 0: for the 0 of a dimension that the mask hides, readers get 1."""
+    std = _given_vector("observation_std", given, len(sees), 1)
+    std = np.where(~sees & (std == 0), np.float32(1), std)
+    if wrong := np.flatnonzero(std <= 0).tolist():
+        raise InvalidArgumentError(
+            f"observation_std[{wrong[0]}] is {std[wrong[0]]}, allowed: above 0, or 0 where the mask "
+            "is False; add a small number to all of them, such as 0.001"
+        )
+    return std
 
 
 def _relu(values: NDArray[np.float32]) -> NDArray[np.float32]:

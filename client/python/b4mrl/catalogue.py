@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from b4mrl import descriptions
-from b4mrl.errors import InternalError
+from b4mrl.descriptions import BenchmarkInfo
+from b4mrl.errors import InternalError, unknown_name
+from b4mrl.wire import checks
 from b4mrl.wire.messages import Request
 
 _MOST_BYTES = 16 << 20  # of all pages of one list
@@ -25,6 +27,15 @@ def read(ask: Callable[[Any], Any], *, with_benchmarks: bool = False) -> Any:
         catalogue.MergeFrom(page)
         _check_size(catalogue.ByteSize())
     return catalogue
+
+
+def find_benchmark(known: Iterable[BenchmarkInfo], name: str) -> BenchmarkInfo:
+    """The entry of that name. UnknownNameError: there is none; the message has the nearest name."""
+    name = checks.text("name", name)
+    found = {info.name: info for info in known}
+    if name not in found:
+        raise unknown_name("benchmark", name, found, "`b4mrl list benchmarks` has all")
+    return found[name]
 
 
 def read_datasets(ask: Callable[[Any], Any]) -> Iterator[descriptions.DatasetInfo]:

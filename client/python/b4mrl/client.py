@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from numpy.typing import ArrayLike, DTypeLike
 
 from b4mrl import catalogue, descriptions
-from b4mrl.benchmarks.benchmark import Benchmark, find_info
+from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.benchmarks.ledger import Ledger, LedgerLike, number_of
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
@@ -105,7 +105,7 @@ class Client(Shown):
 
     def benchmark(self, name: str) -> Benchmark:
         """The benchmark of that name, such as "HalfCheetah/confounding/hidden-high+medium"."""
-        return Benchmark(self, find_info(self.benchmarks(), name))
+        return Benchmark(self, catalogue.find_benchmark(self.benchmarks(), name))
 
     def server_status(self) -> ServerStatus:
         """The daemon's uptime, processes and sessions."""

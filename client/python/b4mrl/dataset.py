@@ -63,6 +63,8 @@ class Dataset(Shown):
             policy could not see: 0 in the rows, whatever noise corrupts the others.
         fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
         in_force: the daemon's reply to the opening, with all corruptions in parametric form.
+        default_seed: of `sample` and `stream` that are given no seed: 0, or `bench.seed` of the
+            benchmark whose dataset this is.
     """
 
     def __init__(
@@ -89,11 +91,12 @@ class Dataset(Shown):
         self._connect = connect
         self._open_queries = open_queries
         self._ledger = ledger or 0
+        self.default_seed = 0
         self._next_batch = 0
         self._pairs: dict[tuple[str, int, str | None], Batch] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (self._origin.open_again, ())
+        return (self._origin.open_again, (), {"default_seed": self.default_seed})
 
     def _facts(self) -> Mapping[str, Any]:
         return {
@@ -140,18 +143,23 @@ class Dataset(Shown):
         )
 
     def sample(
-        self, rows: int, *, seed: int = 0, batch: int | None = None, with_indices: bool = False
+        self,
+        rows: int,
+        *,
+        seed: int | None = None,
+        batch: int | None = None,
+        with_indices: bool = False,
     ) -> Batch:
         """One batch of `rows` random rows.
 
         Args:
-            seed: seed of the random choice.
+            seed: seed of the random choice, such as bench.seed. None: `default_seed`.
             batch: number of the batch, below 2**64. None: the number after that of the last call,
                 from 0 on.
             with_indices: adds `indices` (rows,) uint64, the rows' numbers in the dataset.
         """
         rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
-        seed = checks.unsigned("seed", seed)
+        seed = checks.unsigned("seed", self.default_seed if seed is None else seed)
         number = self._next_batch if batch is None else batch
         connection = self._connection
         request_id = self._send_sample(connection, rows, seed, number, with_indices)
@@ -203,7 +211,7 @@ class Dataset(Shown):
         self,
         rows: int,
         *,
-        seed: int = 0,
+        seed: int | None = None,
         first_batch: int = 0,
         credits: int = 4,
         pair_with: Simulator = None,
@@ -217,7 +225,7 @@ class Dataset(Shown):
 
         Args:
             rows: rows of each batch.
-            seed: seed of the random choice.
+            seed: seed of the random choice, such as bench.seed. None: `default_seed`.
             credits: number of batches requested ahead, so that the next one has usually arrived
                 when it is needed. All streams of a dataset together have at most 64 under way.
             pair_with: a simulator, written as in Client.make. Each batch then also has that
@@ -226,7 +234,7 @@ class Dataset(Shown):
             pair_folder: where that simulator's columns are kept; None: in memory.
         """
         rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
-        seed = checks.unsigned("seed", seed)
+        seed = checks.unsigned("seed", self.default_seed if seed is None else seed)
         first_batch = checks.unsigned("first_batch", first_batch)
         credits = checks.integer("credits", credits, 0, None)
         paired = None
@@ -252,11 +260,7 @@ class Dataset(Shown):
             yield batch, behind
 
     def pair(
-        self,
-        simulator: Simulator,
-        *,
-        seed: int = 0,
-        folder: str | os.PathLike[str] | None = None,
+        self, simulator: Simulator, *, seed: int = 0, folder: str | os.PathLike[str] | None = None
     ) -> Batch:
         """Simulates one step from every row's observation and action; columns in the file's order.
 

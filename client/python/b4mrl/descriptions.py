@@ -211,7 +211,8 @@ class DatasetStats(Value, Record):
 
     Attributes:
         observation_mean, observation_std: (observation size,) float64, of the rows as served; the
-            standard deviation is the population's.
+            standard deviation is the population's: 0 where a dimension is hidden, as all its values
+            are 0, so add a small number before dividing by it.
         rows, episodes: numbers of rows and of episodes.
         mean_return, std_return, min_return, max_return: undiscounted returns of the file's complete
             episodes.

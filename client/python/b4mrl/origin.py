@@ -9,6 +9,8 @@ from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
 
+from b4mrl.serve import is_default
+
 
 @dataclass(frozen=True)
 class Origin:
@@ -32,13 +34,19 @@ class Origin:
         return self.opener(self.endpoint, self.deadline_ms, **self.arguments)
 
     def gym_spec(self) -> EnvSpec:
-        """The spec from which gym.make or gym.make_vec makes the same environment."""
+        """The spec from which gym.make or gym.make_vec makes the same environment.
+
+        It names the daemon, unless that is the process's default one: a spec that is saved may be
+        used by another process, which has a default of its own, after a private daemon's end.
+        """
         given = copy.deepcopy(dict(self.arguments))  # the caller may change the spec
+        if not is_default(self.endpoint):
+            given["endpoint"] = self.endpoint
         return EnvSpec(
             id=f"b4mrl/{given['environment']}-v0",
             entry_point="b4mrl.registration:make",
             vector_entry_point="b4mrl.registration:make_vec",
-            kwargs=given | {"endpoint": self.endpoint},
+            kwargs=given,
             order_enforce=False,
             disable_env_checker=True,
         )

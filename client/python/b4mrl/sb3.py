@@ -16,6 +16,8 @@ from b4mrl.wire.arrays import Array
 
 Indices = int | Iterable[int] | None
 
+_SPACES = ("observation_space", "action_space")  # of which the batch has its own, with an axis more
+
 
 class StableBaselinesVecEnv(VecEnv):
     """A VecEnv over one session; it returns the same as DummyVecEnv over single environments.
@@ -23,7 +25,7 @@ class StableBaselinesVecEnv(VecEnv):
     `dones` is true for terminated and for truncated episodes. The last observation of an episode is
     `info["terminal_observation"]`, and `info["TimeLimit.truncated"]` is true if the episode was
     truncated. There is no Python object for a single environment: attributes are those of the whole
-    batch, and `env_method` supports `get_state` and `set_state` only.
+    batch, but for its spaces, and `env_method` supports `get_state` and `set_state` only.
 
     Args:
         batch: made by Client.make_vec with autoreset_mode="same_step"; owned by this object.
@@ -88,7 +90,9 @@ class StableBaselinesVecEnv(VecEnv):
         return self.batch.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        return [getattr(self.batch, attr_name)] * len(self._lanes(indices))
+        """An attribute of the batch, once for each environment; of the spaces, a single one's."""
+        name = f"single_{attr_name}" if attr_name in _SPACES else attr_name
+        return [getattr(self.batch, name)] * len(self._lanes(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Sets an attribute of the batch. UnsupportedError: `indices` names only some of it."""

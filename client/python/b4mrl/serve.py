@@ -23,6 +23,12 @@ from b4mrl.wire import checks, farewells
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
 
+# Of sessions without requests; the longest that `b4mrl serve` takes (proto/base/limits.h). A private
+# daemon ends with its program, so that sessions need not end before: a notebook may rest overnight.
+_LEASE_SECONDS = 30 * 86_400
+# Options with which the caller decides on the lease, or lets other machines open sessions.
+_LEASE_OPTIONS = ("--lease", "--config", "--insecure")
+
 _MOST_PATH_BYTES = 107  # of an ipc socket
 _NAME_BYTES = len("/serve.worker-99")  # the longest name in the daemon's folder
 
@@ -200,7 +206,8 @@ def serve(
             is made in /tmp where TMPDIR is too long for the paths of sockets.
         data, models, workers, threads: the options of `b4mrl serve` with these names. None: its
             defaults.
-        arguments: further options of `b4mrl serve`, ["--lease", 60].
+        arguments: further options of `b4mrl serve`, ["--lease", 60]. Unless they have --lease,
+            --config or --insecure, sessions without requests stay for 30 days.
         ready_seconds: time within which the daemon must be ready.
 
     Raises:
@@ -222,7 +229,10 @@ def serve(
     for name, value in options.items():
         if value is not None:
             command += [name, _word(value)]
-    return PrivateDaemon([*command, *map(_word, arguments)], folder, ready_seconds)
+    words = [_word(each) for each in arguments]
+    if not any(word.startswith(_LEASE_OPTIONS) for word in words):
+        command += ["--lease", str(_LEASE_SECONDS)]
+    return PrivateDaemon([*command, *words], folder, ready_seconds)
 
 
 def _word(value: Any) -> str:
@@ -320,3 +330,10 @@ def default_endpoint() -> str:
                 _shared_daemon = serve(workers=1, threads=1)
                 farewells.call_at_the_end(_shared_daemon.stop)
         return _shared_daemon.endpoint
+
+
+def is_default(endpoint: str) -> bool:
+    """Whether default_endpoint returns `endpoint`; starts no daemon."""
+    if named := os.environ.get("B4MRL_ENDPOINT"):
+        return endpoint == named
+    return _shared_daemon is not None and endpoint == _shared_daemon.endpoint

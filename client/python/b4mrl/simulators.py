@@ -41,8 +41,8 @@ def parse(simulator: Simulator, name: str = "simulator") -> tuple[NamedArgument,
     """The perturbations of `simulator`, in their order. The daemon checks their names and values.
 
     `simulator` is a text with commas between perturbations; or a dict from names to values, where a
-    value is a number, a text, a list of dimensions, or None or True for a preset; or a list of
-    texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form; the
+    value is a number, a text, a list of dimensions by numbers or names, or None or True for a
+    preset; or a list of texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form; the
     message calls it `name`.
     """
     items = _parse(simulator, name)
@@ -116,13 +116,20 @@ def _named(name: Any, value: Any) -> NamedArgument:
         return NamedArgument(name, value)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return NamedArgument(name, repr(value))
-    if isinstance(value, list | tuple) and value and all(map(_is_index, value)):
-        return NamedArgument(name, "+".join(str(operator.index(item)) for item in value))
+    if isinstance(value, list | tuple) and value and all(map(_is_dimension, value)):
+        return NamedArgument(name, "+".join(map(_dimension, value)))
     raise InvalidArgumentError(
-        f"{name} is {value!r}, allowed: a number, text, list of dimensions, or None for a preset"
+        f"{name} is {value!r}, allowed: a number, text, list of dimensions, None for a preset, "
+        "or a range '0.5..2'"
     )
 
 
-def _is_index(value: Any) -> bool:
-    """Whether `value` is an int or one of numpy's, such as those in list(np.flatnonzero(mask))."""
+def _is_dimension(value: Any) -> bool:
+    """Whether `value` may be a dimension's name or number, also one of list(np.flatnonzero(mask))."""
+    if isinstance(value, str):
+        return value != ""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _dimension(value: Any) -> str:
+    return value if isinstance(value, str) else str(operator.index(value))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import b4mrl
@@ -72,6 +74,23 @@ def test_the_network_of_the_readme_is_saved(
     observation = np.eye(17)[9]
     assert not b4mrl.load_agent("mine.h5")(observation).any()
     assert b4mrl.load_agent("mine.h5").unmasked()(observation).all()
+
+
+def test_the_hash_of_an_agent_is_that_of_its_policy(tmp_path: Path) -> None:
+    document = (ROOT / "REPRODUCIBILITY.md").read_text()
+    (code,) = re.findall(
+        r"^python -c '\n(.*?)^' one/agent.h5 two/agent.h5$", document, re.DOTALL | re.MULTILINE
+    )
+    (trained, *_) = sorted((ROOT / "data" / "agents").glob("*.h5"))
+    for name, bias, seed in (("one", 0, 0), ("two", 0, 7), ("other", 1, 0)):
+        layers = [(np.ones((6, 17)), np.full(6, bias))]
+        b4mrl.save_agent(tmp_path / f"{name}.h5", layers, algorithm=name, seed=seed)
+    files = [trained, *(tmp_path / f"{name}.h5" for name in ("one", "two", "other"))]
+    command = [sys.executable, "-c", code, *files]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    hashes = [line.split()[0] for line in done.stdout.splitlines()]
+    assert hashes[1] == hashes[2] and len(set(hashes)) == 3
 
 
 def test_the_query_of_the_readme_runs(client: b4mrl.Client) -> None:

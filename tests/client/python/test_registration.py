@@ -105,6 +105,18 @@ def test_make_vec_has_it_as_well(endpoint: str, how: str) -> None:
     vec.close()
 
 
+@pytest.mark.parametrize("is_default", [True, False])
+def test_a_spec_names_no_daemon_that_others_need_not_find(
+    monkeypatch: pytest.MonkeyPatch, client: b4mrl.Client, is_default: bool
+) -> None:
+    monkeypatch.setenv("B4MRL_ENDPOINT", client.endpoint if is_default else "tcp://127.0.0.1:1")
+    with client.make("HalfCheetah") as env, client.make_vec("HalfCheetah", 2) as vec:
+        for spec in (env.spec, vec.spec):
+            assert spec.kwargs.get("endpoint") == (None if is_default else client.endpoint)
+        with gym.make(env.spec) as again:
+            assert again.unwrapped.session.in_force.environment == "HalfCheetah"
+
+
 def test_a_spec_makes_the_same_again(client: b4mrl.Client, environment: str) -> None:
     with client.make(environment, "obs-noise=0.1", seed=1, max_episode_steps=7) as env:
         with gym.make(env.spec) as again:

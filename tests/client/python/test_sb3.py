@@ -163,6 +163,10 @@ def test_attributes_are_those_of_the_batch(client: b4mrl.Client) -> None:
     vec = batch(client, "HalfCheetah", 3)
     vec.reset()
     assert vec.get_attr("num_envs", [0, 2]) == [3, 3]
+    dummy = DummyVecEnv([lambda: client.make("HalfCheetah")])
+    for name in ("observation_space", "action_space"):
+        assert vec.get_attr(name) == dummy.get_attr(name) * 3
+    dummy.close()
     assert vec.env_is_wrapped(VecMonitor) == [False] * 3
     states = vec.env_method("get_state", indices=[2, 0])
     vec.env_method("set_state", states[0], indices=[1])

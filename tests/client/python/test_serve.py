@@ -77,6 +77,25 @@ def test_its_options_are_those_of_the_command() -> None:
 
 
 @pytest.mark.parametrize(
+    ("arguments", "seconds"),
+    [
+        ([], 30 * 86_400),
+        (["--lease", 60], 60),
+        (["--lease=61"], 61),
+        (["--config", "serve.toml"], 62),
+    ],
+)
+def test_its_sessions_last_as_long_as_it_does_unless_the_caller_sets_a_lease(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, arguments: list, seconds: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("serve.toml").write_text("lease = 62\n")
+    with b4mrl.serve(workers=1, arguments=arguments) as endpoint:
+        with b4mrl.connect(endpoint) as client:
+            assert client.hello.limits.session_lease_ms == 1000 * seconds
+
+
+@pytest.mark.parametrize(
     ("options", "complaint"),
     [
         ({"arguments": "--no-door"}, "^arguments is '--no-door', allowed: a list of options"),
@@ -261,10 +280,12 @@ two = gym.make_vec("b4mrl:b4mrl/HalfCheetah-v0", num_envs=2)
 one.reset(seed=1), two.reset(seed=1)
 import b4mrl.serve
 print(b4mrl.connect().server_status().session_count)
+spec = b4mrl.connect().make("HalfCheetah").spec.to_json()
 one.close(), two.close()
 from b4mrl.serve import _shared_daemon
 _shared_daemon.stop()
 gym.make("b4mrl:b4mrl/HalfCheetah-v0").reset()  # of another daemon
+gym.make(gym.envs.registration.EnvSpec.from_json(spec)).reset()
 """
     clean = {name: value for name, value in os.environ.items() if name != "B4MRL_ENDPOINT"}
     done = subprocess.run(

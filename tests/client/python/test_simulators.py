@@ -21,6 +21,9 @@ from b4mrl.simulators import parse, text_of
         ({"gravity": 1.5, "hidden": [9, 10]}, "gravity=1.5,hidden=9+10"),
         ({"hidden": np.array([1, 2])}, "hidden=1+2"),
         ({"hidden": list(np.flatnonzero([0, 1, 1]))}, "hidden=1+2"),
+        ({"hidden": ["rootz", "v-rooty"]}, "hidden=rootz+v-rooty"),
+        ({"hidden": ("rootz", 9)}, "hidden=rootz+9"),
+        ({"hidden": np.array(["rootz"])}, "hidden=rootz"),
         ({"gravity": np.float64(0.5), "action-delay": np.int64(2)}, "gravity=0.5,action-delay=2"),
         ({"gravity": None, "obs-noise-low": True}, "gravity,obs-noise-low"),
         ({"model": "own.xml"}, "model=own.xml"),
@@ -47,6 +50,8 @@ def test_every_form_means_its_text(written: object, text: str) -> None:
         ({"hidden": []}, r"hidden is \[\]"),
         ({"hidden": [True]}, r"hidden is \[True\]"),
         ({"hidden": [1.5]}, r"hidden is \[1.5\]"),
+        ({"hidden": ["rootz", ""]}, r"hidden is \['rootz', ''\]"),
+        ({"gravity": (0.5, 2.0)}, r"gravity is \(0.5, 2.0\), allowed: .*, or a range '0.5..2'"),
         ("gravity,,friction", "perturbation is ''"),
         ("\ud800", r"perturbation is '\\ud800', allowed: a text"),
         ({"model": "\ud800"}, r"perturbation is 'model=\\ud800', allowed: a text"),
@@ -72,3 +77,8 @@ def test_every_call_takes_every_form(client: b4mrl.Client) -> None:
     for answer in answers[1:]:
         np.testing.assert_array_equal(answer, answers[0])
     assert not np.array_equal(client.query("HalfCheetah", observations, actions)[0], answers[0])
+
+
+def test_dimensions_are_hidden_by_their_names(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", {"hidden": ["rootz", "v-root-z"]}) as env:
+        assert [str(item) for item in env.session.in_force.perturbations] == ["hidden=0+9"]

@@ -162,12 +162,38 @@ def test_a_malformed_state_is_refused_and_changes_nothing(client: b4mrl.Client, 
         assert_same(env.get_state(), before)
 
 
-def test_a_snapshot_of_another_simulator_is_refused(client: b4mrl.Client) -> None:
-    with client.make("HalfCheetah") as env, client.make("HalfCheetah", "gravity") as heavy:
-        env.reset()
-        heavy.reset()
-        with pytest.raises(errors.B4mrlError):
-            heavy.set_state({"snapshot": env.get_state()["snapshot"]})
+@pytest.mark.parametrize(
+    ("perturbation", "kind"),
+    [
+        ("gravity", errors.VersionMismatchError),
+        ("action-delay", errors.InvalidArgumentError),  # whose snapshots are longer
+    ],
+)
+def test_a_snapshot_of_another_simulator_is_refused_and_its_parts_are_not(
+    client: b4mrl.Client, perturbation: str, kind: type[errors.B4mrlError]
+) -> None:
+    with client.make("HalfCheetah") as env, client.make("HalfCheetah", perturbation) as other:
+        env.reset(seed=1)
+        other.reset(seed=2)
+        state = env.get_state()
+        with pytest.raises(
+            kind, match=r"snapshot.*; remove state\['snapshot'\] to set its readable"
+        ):
+            other.set_state(state)
+        del state["snapshot"]
+        other.set_state(state)
+        np.testing.assert_array_equal(other.get_state()["qpos"], state["qpos"])
+
+
+def test_a_state_that_is_refused_for_another_reason_keeps_its_snapshot(
+    client: b4mrl.Client,
+) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        vec.reset(seed=1)
+        with pytest.raises(
+            errors.InvalidArgumentError, match="named twice, allowed: each lane once$"
+        ):
+            vec.set_state(vec.get_state(), [0, 0])
 
 
 def test_vehicles_are_dictionaries_that_come_back_as_they_were() -> None:

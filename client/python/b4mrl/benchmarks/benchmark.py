@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,21 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from b4mrl import simulators
-from b4mrl.benchmarks import evaluation, making, result_file
+from b4mrl.benchmarks import evaluation, making, recording, result_file
 from b4mrl.benchmarks.curve import Curve
 from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
+from b4mrl.benchmarks.folders import folder_of_results
 from b4mrl.benchmarks.ledger import Ledger
+from b4mrl.benchmarks.recording import Recording, Use
 from b4mrl.benchmarks.result_file import Result
 from b4mrl.benchmarks.usage import Usage
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Shown
-from b4mrl.errors import (
-    FailedPreconditionError,
-    InvalidArgumentError,
-    UnknownNameError,
-    unknown_name,
-)
+from b4mrl.errors import InvalidArgumentError, UnknownNameError
 from b4mrl.query import PendingQuery
 from b4mrl.simulators import NamedArgument
 from b4mrl.spec import EnvironmentSpec
@@ -50,7 +47,8 @@ class Benchmark(Shown):
         client: of the daemon that hosts simulator and dataset.
         info: the catalogue's entry.
         make_rows: makes the dataset if the daemon's data folder lacks it, with so many rows; 0: as
-            published. None: a missing dataset is an error.
+            published. A RuntimeWarning says where there is one with other rows. None: a missing
+            dataset is an error.
         ledger: number of the daemon's ledger in which learning counts; 0: a new one.
 
     Attributes:
@@ -60,7 +58,8 @@ class Benchmark(Shown):
         paper: the paper's scores by algorithm: (mean, standard deviation) of three seeds.
         seed, updates, out: in a program that `b4mrl benchmark run --learner` has started: the run's
             seed, its number of updates, and the folder in which the program leaves agent.h5 or
-            returns.json; else 0, None and None.
+            returns.json; else 0, None and None. Batches, simulators and queries that are given no
+            seed take the run's; a learner's own random numbers have to follow it, too.
     """
 
     def __init__(
@@ -99,34 +98,47 @@ class Benchmark(Shown):
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
         FailedPreconditionError: it is to be made here, but no recipe can, or another program does.
         """
-        self._usage.begin()
-        return self._dataset
+        dataset = self._dataset
+        self._usage.begin()  # only now: that the dataset was made is no part of a learner's time
+        return dataset
 
     @property
     def _dataset(self) -> Dataset | None:
+        return self._find_dataset(self._make_rows)
+
+    def _find_dataset(self, make_rows: int | None) -> Dataset | None:
+        """The dataset, opened once a ledger; None for a benchmark without one.
+
+        UnknownNameError: it is missing, and `make_rows` is None.
+        """
         if not self.info.dataset:
             return None
         ledger = self._usage.learning
         if self._opened is None or self._opened[0] is not ledger:
-            self._opened = ledger, self._find_dataset()
+            self._opened = ledger, self._open_dataset(ledger, make_rows)
         return self._opened[1]
 
-    def _find_dataset(self) -> Dataset:
+    def _open_dataset(self, ledger: Ledger, make_rows: int | None) -> Dataset:
         names = self.info.dataset, self.info.corruption
-        options: dict[str, Any] = {"environment": self.environment, "ledger": self._usage.learning}
+        options: dict[str, Any] = {"environment": self.environment, "ledger": ledger}
         open_it = functools.partial(self._client.dataset, *names, **options)
-        try:
-            return open_it()
-        except UnknownNameError:
-            if self._make_rows is None:
-                raise
-        making.make_dataset(self.info.dataset, self._client.endpoint, self._make_rows)
-        return open_it()
+        dataset = making.open_or_make(open_it, names[0], self._client.endpoint, make_rows)
+        # The runner's datasets have the rows of its budget, so rows=0 asks for nothing there.
+        if self._make_rows is not None and (self._make_rows > 0 or self.out is None):
+            making.warn_of_other_rows(names[0], dataset.in_force, self._make_rows)
+        dataset.default_seed = self.seed
+        return dataset
 
     def make_simulator(self, num_envs: int = 1, **options: Any) -> VectorEnvironment:
-        """`num_envs` environments of the flawed simulator; `options` are those of make_vec."""
+        """`num_envs` environments of the flawed simulator; `options` are those of make_vec.
+
+        Without a `seed`, they have those of the run, seed, seed + 1, ..., in a program that `b4mrl
+        benchmark run --learner` has started; elsewhere the daemon draws one: give seed=bench.seed.
+        """
         self._usage.begin()
         ledger = self._usage.learning
+        if self.out is not None:
+            options = {"seed": self.seed} | options
         return self._client.make_vec(
             self.environment, num_envs, self.info.simulator, ledger=ledger, **options
         )
@@ -136,13 +148,14 @@ class Benchmark(Shown):
         observations: ArrayLike,
         actions: ArrayLike,
         *,
-        seed: int = 0,
+        seed: int | None = None,
         draw: int | None = None,
         first_row: int = 0,
     ) -> QueryAnswer:
         """One step of the flawed simulator from each row, as Client.query returns it.
 
         Without a `draw`, the object's queries have the draws 0, 1, 2, ...: each its own noise.
+        Without a `seed`, theirs is `bench.seed`.
         """
         return self.query_async(
             observations, actions, seed=seed, draw=draw, first_row=first_row
@@ -153,7 +166,7 @@ class Benchmark(Shown):
         observations: ArrayLike,
         actions: ArrayLike,
         *,
-        seed: int = 0,
+        seed: int | None = None,
         draw: int | None = None,
         first_row: int = 0,
     ) -> PendingQuery:
@@ -164,7 +177,7 @@ class Benchmark(Shown):
             observations,
             actions,
             self.info.simulator,
-            seed=seed,
+            seed=self.seed if seed is None else seed,
             draw=self._next_draw if draw is None else draw,
             first_row=first_row,
             ledger=self._usage.learning,
@@ -181,11 +194,21 @@ class Benchmark(Shown):
         Hidden is what its training hid: dimensions that the dataset hides or that its behaviour
         policy could not see; in a benchmark without a dataset, those that the simulator hides. A
         learner of a full dataset and a simulator that hides dimensions may see all of them.
-        UnknownNameError: the daemon has not the benchmark's dataset, which says what is hidden.
+
+        Opens the dataset, which knows what its behaviour policy could not see. One that is missing
+        is not made for that if its recipe hides nothing; those of HalfCheetah/partial-* do.
+        UnknownNameError: the dataset is missing, and may hide something.
         """
         space = self._spec.observation
-        if self._dataset is not None:
-            hidden = evaluation.hidden_in(self._dataset, space)
+        is_plain = making.records_everything(self.info.dataset)
+        try:
+            dataset = self._find_dataset(None if is_plain else self._make_rows)
+        except UnknownNameError:
+            if not is_plain:
+                raise
+            dataset = None
+        if dataset is not None:
+            hidden = evaluation.hidden_in(dataset, space)
         else:
             hidden = evaluation.hidden_by(self._seen_through, space)
         seen = np.ones(space.size, np.bool_)
@@ -215,7 +238,8 @@ class Benchmark(Shown):
             observe: "trained" sets what `mask` hides to 0; "full" hides nothing; "served" is
                 "trained" with the noise that the training's observations had.
 
-        InvalidArgumentError: `observe` is "served", and the training has no noise. Else as `mask`.
+        InvalidArgumentError: `observe` is "served", and the training has no noise. Else as `mask`,
+        which may have to make the dataset.
         """
         episodes = checks.integer("episodes", episodes, 1, limits.MAX_LANES_PER_SESSION)
         if observe not in _OBSERVE:
@@ -275,7 +299,9 @@ class Benchmark(Shown):
         ledger has what the daemon has counted since the benchmark's last result, and the number of
         episodes that stand behind the curve, whose last point is the result's own returns. If
         nothing was used or logged since then and the file is that of the same updates, as when a
-        notebook's cell is executed once more, ledger, time and curve are the file's.
+        notebook's cell is executed once more, ledger, time and curve are the file's. The time is
+        that since the last result, or since a source was first used and its dataset was there; this
+        call's scoring is not in it. The dataset is opened, or made, as the result names its rows.
 
         The file names no budget, which would say that `b4mrl evaluate` has scored the run to the
         last bit: the policy acts here by NumPy or PyTorch, so `b4mrl benchmark check` compares its
@@ -284,10 +310,12 @@ class Benchmark(Shown):
         Args:
             policy: the policy after the last update, as for `evaluate`.
             algorithm: the name under which reports show it: 1 to 40 letters (A to Z, a to z),
-                digits and dashes, but none of B4MRL's own algorithms. `log` can check it early.
+                digits and dashes, but none of B4MRL's own algorithms, in capital or small letters.
+                `log` can check it early.
             seed, updates: of the run.
             folder: made if it is missing; a result of the same run in it is replaced, unless it has
-                more updates.
+                more updates. In a runner's folder, which keeps its results in a subfolder
+                `results`, the file is written there, where `results` and `b4mrl report` look.
             returns: in place of a policy, the returns of episodes in the benchmark's world, which
                 the caller has evaluated; the result is marked as self-scored.
             hyperparameters: numbers and texts, for the reader of the result.
@@ -299,17 +327,11 @@ class Benchmark(Shown):
         result_file.check_algorithm(algorithm, self.info)
         plain = result_file.plain_hyperparameters(hyperparameters)
         seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
-        place = checks.path("folder", folder)
-        if (policy is None) == (returns is None):
-            given = "None" if policy is None else "given"
-            raise InvalidArgumentError(f"policy and returns are both {given}, allowed: one of them")
+        place = folder_of_results(checks.path("folder", folder))
+        recording.check_source(policy, returns)
+        seconds = self._usage.seconds()  # before the scoring, which is no part of the training
         dataset = None if self._dataset is None else self._dataset.in_force
-        earlier = result_file.earlier(place, self.info, algorithm, seed, dataset)
-        if earlier is not None and earlier.updates > updates:
-            raise FailedPreconditionError(
-                f"{earlier.path} has a result of {earlier.updates} updates, allowed: as many or "
-                f"more than that; remove it to begin anew"
-            )
+        result = Recording(self.info, algorithm, seed, updates, place, dataset)
         reached = evaluation.given_returns(returns)
         place.mkdir(parents=True, exist_ok=True)  # fails before the policy is evaluated
         scorings: dict[str, Any] = {}
@@ -317,24 +339,8 @@ class Benchmark(Shown):
             reached = self.evaluate(policy, episodes).returns
             scorings = self._scorings(policy, episodes)
         self._append(seed, updates, reached)
-        used = self._usage.counts() | {"evaluation_episodes": self._curves[seed].episodes}
-        curve = self._curves[seed].points
-        has_learned = self._usage.has_learned(used)
-        if earlier is not None and earlier.repeats(updates, curve) and not has_learned:
-            curve = earlier.with_end(curve[-1])
-        else:
-            earlier = None
-        entries = result_file.entries_of(self.info, algorithm, seed, dataset, reached, curve)
-        entries |= {
-            "hyperparameters": plain,
-            "scorings": scorings,
-            "source": "self-scored" if policy is None else "user",
-            "ledger": used if earlier is None else earlier.ledger,
-            "seconds": round(self._usage.seconds(), 3) if earlier is None else earlier.seconds,
-        }
-        if isinstance(policy, str | os.PathLike):
-            entries["agent_sha256"] = result_file.sha256_of(policy)
-        path = result_file.write(place, self.info, entries)
+        own = {"hyperparameters": plain, "scorings": scorings, **recording.source_of(policy)}
+        path = result.write(reached, self._use(seed, seconds), own)
         self._usage.restart()
         del self._curves[seed]
         return path
@@ -345,21 +351,18 @@ class Benchmark(Shown):
 
     def _scorings(self, policy: PolicyLike, episodes: int) -> dict[str, Any]:
         """The further evaluations of a result, by name, as the runner makes them."""
-        names = [
-            *([] if self.mask.all() else ["full"]),
-            *(["served"] if self._noise else []),
-        ]
+        names = [*([] if self.mask.all() else ["full"]), *(["served"] if self._noise else [])]
         scorings = {}
         for name in names:
             scores = self.evaluate(policy, episodes, observe=name)
-            scorings[name] = {
-                "simulator": self._world(name),
-                "observe": "full" if name == "full" else "trained",
-                "score": scores.score,
-                "return": scores.mean_return,
-                "returns": scores.returns.tolist(),
-            }
+            scorings[name] = recording.scoring_of(name, self._world(name), scores)
         return scorings
+
+    def _use(self, seed: int, seconds: float) -> Use:
+        """What the run with `seed` has used since the last result."""
+        curve = self._curves[seed]
+        ledger = self._usage.counts() | {"evaluation_episodes": curve.episodes}
+        return Use(ledger, seconds, curve.points, self._usage.has_learned(ledger))
 
     def _append(self, seed: int, updates: int, returns: NDArray[np.float64]) -> None:
         mean = float(returns.mean())
@@ -379,22 +382,17 @@ class Benchmark(Shown):
 
     @functools.cached_property
     def _seen_through(self) -> tuple[NamedArgument, ...]:
-        """The perturbations, in parametric form, through which the training's policy observes."""
-        if self._dataset is not None:
-            return self._dataset.in_force.corruptions
-        with self._client.make(self.environment, self.info.simulator) as env:
+        """The perturbations, in parametric form, through which the training's policy observes.
+
+        Those of the dataset are simulator perturbations, too, so it need not be there.
+        """
+        seen_through = self.info.corruption if self.info.dataset else self.info.simulator
+        if not seen_through:
+            return ()
+        with self._client.make(self.environment, seen_through) as env:
             perturbations = env.session.in_force.perturbations
         return perturbations
 
     @property
     def _noise(self) -> list[NamedArgument]:
         return [item for item in self._seen_through if item.name == "obs-noise"]
-
-
-def find_info(known: Iterable[BenchmarkInfo], name: str) -> BenchmarkInfo:
-    """The entry of that name. UnknownNameError: there is none; the message has the nearest name."""
-    name = checks.text("name", name)
-    found = {info.name: info for info in known}
-    if name not in found:
-        raise unknown_name("benchmark", name, found, "`b4mrl list benchmarks` has all")
-    return found[name]

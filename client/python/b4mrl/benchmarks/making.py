@@ -1,11 +1,18 @@
-"""Makes datasets that a daemon's data folder lacks, by the command `b4mrl dataset make`."""
+"""Makes datasets that a daemon's data folder lacks, by the command `b4mrl dataset make`.
+
+Also says what is known of a dataset before it is made, and where one that was there is another.
+"""
 
 from __future__ import annotations
 
 import subprocess
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 from b4mrl import errors
+from b4mrl.dataset import Dataset
+from b4mrl.descriptions import DatasetInForce
 from b4mrl.serve import find_server
 
 # What the command's exit codes mean to the caller (proto/base/exit_codes.h); others mean that the
@@ -19,6 +26,36 @@ _ERRORS: dict[int, tuple[type[errors.B4mrlError], str]] = {
     ),
 }
 
+# The recipes (algorithms/datasets/dataset_recipes.cc) whose behaviour policies see everything:
+# all but HalfCheetah/partial-*.
+_LEVELS = ("random", "medium", "medium-replay", "expert", "medium-expert")
+_COMPLETE = {
+    f"{task}/{level}" for task in ("HalfCheetah", "Hopper", "Walker2d") for level in _LEVELS
+}
+_COMPLETE |= {"HalfCheetah/action-delay", "Highway/random", "Highway/medium"}
+
+# Options of the command that change a recipe; --agent makes datasets that have none, too.
+_CHANGES = ("--rows", "--seed", "--simulator")
+
+
+def open_or_make(
+    open_it: Callable[[], Dataset], name: str, endpoint: str, rows: int | None
+) -> Dataset:
+    """`open_it()`, after the dataset was made if it is missing.
+
+    Args:
+        rows: as for make_dataset, whose errors this raises. None: none is made.
+
+    UnknownNameError: the dataset is missing, and `rows` is None.
+    """
+    try:
+        return open_it()
+    except errors.UnknownNameError:
+        if rows is None:
+            raise
+    make_dataset(name, endpoint, rows)
+    return open_it()
+
 
 def make_dataset(name: str, endpoint: str, rows: int) -> None:
     """Makes a dataset for the daemon at `endpoint`; `rows` 0: as many as published.
@@ -26,22 +63,59 @@ def make_dataset(name: str, endpoint: str, rows: int) -> None:
     The command's messages and its progress go to stderr.
 
     Raises:
-        UnavailableError: the program b4mrl is not beside the daemon's, or failed.
+        UnknownNameError: the program b4mrl is not beside the daemon's here, so the dataset has to
+            be made elsewhere.
+        UnavailableError: the program failed.
         FailedPreconditionError: the dataset cannot be made: there is no recipe that can, or a file
             or the data folder cannot be used, or another process makes it just now.
         InvalidArgumentError: no dataset can have so many rows.
     """
-    command = [str(Path(find_server()[0]).with_name("b4mrl")), "dataset", "make", name]
-    command += ["--endpoint", endpoint]
+    words = ["dataset", "make", name]
     if rows > 0:
-        command += ["--rows", str(rows)]
+        words += ["--rows", str(rows)]
     try:
+        command = [str(Path(find_server()[0]).with_name("b4mrl")), *words, "--endpoint", endpoint]
         done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
-    except OSError as error:
-        raise errors.UnavailableError(f"cannot run {command[0]}: {error}") from None
+    except (OSError, errors.UnavailableError) as error:
+        raise errors.UnknownNameError(
+            f"the daemon at {endpoint} lacks the dataset {name!r}; run `b4mrl {' '.join(words)}` "
+            f"on its machine, as it cannot be made from here ({error})"
+        ) from error
     if done.returncode != 0:
         kind, what = _ERRORS.get(done.returncode, (errors.UnavailableError, "failed"))
         raise kind(
             f"`{' '.join(command)}` {what} (exit code {done.returncode}); its messages are on "
             "stderr"
         )
+
+
+def records_everything(name: str) -> bool:
+    """Whether a dataset that is made by the name's recipe shows every dimension uncorrupted."""
+    return errors.without_version(name) in _COMPLETE
+
+
+def warn_of_other_rows(name: str, found: DatasetInForce, asked: int) -> None:
+    """RuntimeWarning: the dataset of that name has other rows than `make_dataset` would give it.
+
+    Args:
+        name: of the dataset, as the benchmark has it.
+        found: the dataset that the daemon has.
+        asked: number of rows; 0: those that are published. Which these are is not known here, but
+            the file has the command that made it, and that has options where it changed the recipe.
+    """
+    has, again = f"the dataset {name} has {found.info.rows} rows", f"`b4mrl dataset make {name}"
+    command = f"{found.provenance.command} "
+    changes = [option for option in _CHANGES if f" {option} " in command]
+    if asked > 0 and found.info.rows != asked:
+        text = (
+            f"{has} and is used as it is: rows={asked} counts only where a dataset is missing; "
+            f"{again} --replace --rows {asked}` makes it anew"
+        )
+    elif asked == 0 and changes and " --agent " not in command:
+        text = (
+            f"{has} and was made with {', '.join(changes)}, so it need not be the published one, "
+            f"which rows=0 asks for; {again} --replace` makes that"
+        )
+    else:
+        return
+    warnings.warn(text, RuntimeWarning, stacklevel=6)  # at the use of Benchmark.dataset

@@ -139,10 +139,11 @@ def check_name(algorithm: Any) -> str:
 def check_algorithm(algorithm: Any, info: BenchmarkInfo) -> None:
     """InvalidArgumentError: no user's algorithm can have the name, or not in this benchmark."""
     name = check_name(algorithm)
-    if name in ALGORITHMS:
+    if name.casefold() in ALGORITHMS:  # reports title "TD3-BC" what is named "td3-bc"
         raise InvalidArgumentError(
             f"algorithm is {name!r}, allowed: {_NAME_RULE}, but none of B4MRL's own algorithms "
-            f"({', '.join(ALGORITHMS)}), whose results `b4mrl benchmark run` writes"
+            f"({', '.join(ALGORITHMS)}), in capital or small letters, whose results "
+            "`b4mrl benchmark run` writes"
         )
     if not info.is_defined_for(name):
         allowed = f"all but {', '.join(info.exceptions)}"

@@ -6,9 +6,9 @@ import fnmatch
 import os
 from pathlib import Path
 
-from b4mrl import errors
+from b4mrl import catalogue, errors
 from b4mrl.benchmarks import result_file
-from b4mrl.benchmarks.benchmark import Benchmark, find_info
+from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.client import Client
 from b4mrl.display import Listing
 from b4mrl.registration import connect
@@ -25,7 +25,8 @@ def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int
         endpoint: the daemon's address. None: $B4MRL_ENDPOINT, else one private daemon for the
             process.
         rows: number of rows of the dataset, if the daemon's data folder lacks the dataset and it is
-            made. 0: as published, which takes minutes.
+            made. 0: as published, which takes minutes. One that is there is used as it is; a
+            RuntimeWarning says if it has other rows.
 
     Raises:
         UnknownNameError: there is no such benchmark; the message has the nearest name.
@@ -34,10 +35,11 @@ def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int
     rows = checks.integer("rows", rows, 0, None)
     client = connect(endpoint)
     if name is not None:
-        return Benchmark(client, find_info(client.benchmarks(), name), make_rows=rows)
+        info = catalogue.find_benchmark(client.benchmarks(), name)
+        return Benchmark(client, info, make_rows=rows)
     return Benchmark(
         client,
-        find_info(client.benchmarks(), _asked("BENCHMARK")),
+        catalogue.find_benchmark(client.benchmarks(), _asked("BENCHMARK")),
         make_rows=rows,
         seed=_number("SEED", _asked("SEED")),
         updates=_number("UPDATES", _asked("UPDATES")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from b4mrl import errors
@@ -28,8 +29,9 @@ def greet(
     try:
         if not gateway.await_handshake(reach_ms):
             raise errors.UnavailableError(
-                f"nobody answers at {endpoint} within {reach_ms / 1000:g} s: is the daemon "
-                "running? `b4mrl serve` starts one, b4mrl.serve() a private one",
+                f"nobody answers at {_described(endpoint)} within {reach_ms / 1000:g} s: is the "
+                "daemon running? `b4mrl serve` starts one, b4mrl.serve() a private one, whose "
+                "address in a saved spec or a pickle holds until it ends",
                 recoverable=True,
             )
         request = Request()
@@ -44,3 +46,9 @@ def greet(
         gateway.close()
         raise
     return gateway, hello
+
+
+def _described(endpoint: str) -> str:
+    """The address, and where it is from if the caller need not have written it."""
+    is_found = endpoint == os.environ.get("B4MRL_ENDPOINT")
+    return f"{endpoint} (from B4MRL_ENDPOINT)" if is_found else endpoint

@@ -69,6 +69,7 @@ class Session:
         infos = len(spec.info_names) if in_force.with_infos else 0
         self._reader = OutcomeReader(self.dtype, spec.observation.size, infos)
         self._farewell = Farewell(self, connection)
+        self._loss: str | None = None  # what the daemon said when it did not have the session
 
     @property
     def num_envs(self) -> int:
@@ -184,12 +185,19 @@ class Session:
         Returns `read(observations)`, as `reset` does.
         """
         count = self._numbers.count_of(lanes)
-        return self._call(
-            "restore",
-            lanes,
-            parts,
-            lambda it, *_: read(self._reader.observations(it.arrays, count)),
-        )
+        try:
+            return self._call(
+                "restore",
+                lanes,
+                parts,
+                lambda it, *_: read(self._reader.observations(it.arrays, count)),
+            )
+        except (errors.VersionMismatchError, errors.InvalidArgumentError) as error:
+            if "snapshot" not in str(error):
+                raise
+            raise type(error)(
+                f"{error}; remove state['snapshot'] to set its readable parts alone"
+            ) from None
 
     def render(
         self, width: int = 0, height: int = 0, lanes: Lanes | None = None
@@ -299,11 +307,15 @@ class Session:
         except errors.FailedPreconditionError:
             self._refuse_closed()
             raise
+        except errors.SessionLostError as error:
+            self._loss = str(error)
+            raise
 
     def _while_open(self, call: Callable[..., T], *arguments: Any) -> T:
         """`call(*arguments)`. FailedPreconditionError: the environment is closed.
 
-        A signal handler may close it in the middle of the call, which then raises that, too.
+        A signal handler may close it in the middle of the call, which then raises that, too. A
+        session that was lost stays so: later calls raise SessionLostError again.
         """
         self._refuse_closed()
         try:
@@ -311,10 +323,15 @@ class Session:
         except errors.FailedPreconditionError:
             self._refuse_closed()
             raise
+        except errors.SessionLostError as error:
+            self._loss = str(error)
+            raise
 
     def _refuse_closed(self) -> None:
         if not self._farewell.is_due:
             raise errors.FailedPreconditionError("the environment is closed")
+        if self._loss is not None:
+            raise errors.SessionLostError(self._loss)
 
     def _outcome(self, delivery: Delivery, lanes: Lanes | None, _: Any) -> Outcome:
         return self._reader.outcome(delivery.arrays, lanes, self._numbers.count_of(lanes))

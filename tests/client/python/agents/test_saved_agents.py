@@ -50,6 +50,14 @@ def test_an_agent_is_saved_as_the_network_that_was_given(
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_the_deviations_of_data_are_taken_where_a_dimension_is_hidden(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "folder" / "agent.h5"
+    given = {"mask": [True, False, True], "observation_std": [2.0, 0.0, 0.5]}
+    b4mrl.save_agent(path, [(np.eye(3), np.zeros(3))], **given)
+    actions = b4mrl.load_agent(path)(np.ones(3))
+    np.testing.assert_allclose(actions, np.tanh([0.5, 0, 2]), atol=TOLERANCE)
+
+
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
 def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activation: str) -> None:
     path = tmp_path / "agent.h5"
@@ -80,7 +88,8 @@ def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activa
         ({"layers": random_layers([3, 1025])}, r"1\.\.1024"),
         ({"layers": [(np.full((2, 3), np.nan), np.zeros(2))]}, "finite"),
         ({"mask": np.ones(4)}, "3, all of them finite"),
-        ({"observation_std": np.zeros(3)}, "above 0"),
+        ({"observation_std": [1, 0, 1]}, r"observation_std\[1\] is 0.0, .*above 0, .*add a small"),
+        ({"observation_std": [1, -1, 1], "mask": [1, 0, 1]}, r"observation_std\[1\] is -1.0, .*0"),
         ({"observation_mean": [0, 0, np.inf]}, "finite"),
         ({"action_scale": [1.0]}, "2, all"),
         ({"history_length": 2}, "a divisor of the first layer's 3 inputs"),

@@ -305,7 +305,6 @@ def test_an_agent_that_observes_in_full_is_without_its_own_mask(tmp_path: Path) 
 
 def test_policies_are_scored_in_the_benchmarks_world(medium: b4mrl.Client) -> None:
     bench = medium.benchmark("HalfCheetah/action-delay/gravity+action-delay")
-    bench.mask = np.ones(17, np.bool_)  # its dataset is not made here
     policy = Recorder()
     found = bench.evaluate(policy, episodes=1)
     seed = role_seed(0, "evaluation", 0)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import b4mrl
 import numpy as np
 import pytest
 from b4mrl import errors
-from b4mrl.benchmarks import result_file
+from b4mrl.benchmarks import making, result_file, usage
+from b4mrl.dataset import Dataset
 
 from conftest import BENCHMARK_ROWS as ROWS
 from test_benchmark import HIDDEN, NOISY, still
@@ -146,7 +149,10 @@ def test_a_recorded_agent_is_named_by_its_hash_and_scored_through_the_noise(
     assert entries["scorings"]["served"]["returns"] != entries["returns"]
 
 
-@pytest.mark.parametrize("name", [*result_file.ALGORITHMS, "", "my algorithm", "a/b", "x" * 41])
+@pytest.mark.parametrize(
+    "name",
+    [*result_file.ALGORITHMS, "SAC", "TD3-BC", "HyMOPO", "", "my algorithm", "a/b", "x" * 41],
+)
 def test_names_that_others_have_or_files_cannot_have_are_refused(
     medium: b4mrl.Client, name: str, tmp_path: Path
 ) -> None:
@@ -177,9 +183,14 @@ def test_results_of_a_benchmark_are_found_where_the_runner_keeps_them(
     (tmp_path / "results" / "cut.json").write_text("{")
     with pytest.raises(errors.DataLossError, match="cut.json"):
         bench.results(tmp_path)
-    # A folder with results of its own is read alone: what lies in its `results` may be a copy.
-    own = bench.record(algorithm="mine", seed=0, folder=tmp_path, **given)
+    # A result goes to where it is found.
+    (tmp_path / "results" / "cut.json").unlink()
+    assert bench.record(algorithm="mine", seed=1, folder=tmp_path, **given) == found[1].path
+    assert len(bench.results(tmp_path)) == 2
+    # A folder with results of its own is used alone: what lies in its `results` may be a copy.
+    own = Path(shutil.copy(found[0].path, tmp_path))
     assert [each.path for each in bench.results(tmp_path)] == [own]
+    assert bench.record(algorithm="mine", seed=0, folder=tmp_path, **given) == own
 
 
 def test_json_that_is_nested_too_deeply_is_named(medium: b4mrl.Client, tmp_path: Path) -> None:
@@ -296,3 +307,31 @@ def test_counts_begin_anew_with_each_result(medium: b4mrl.Client, tmp_path: Path
         bench.dataset.sample(rows)
         entries = entries_of(bench.record(seed=seed, updates=1, **given))
         assert entries["ledger"]["dataset_rows"] == rows
+
+
+def test_the_time_of_a_result_is_that_of_its_training(
+    medium: b4mrl.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 0.0
+    make = making.open_or_make
+
+    def make_slowly(*arguments: object) -> Dataset:
+        nonlocal now
+        now += 1000
+        return make(*arguments)
+
+    def act_slowly(observations: np.ndarray) -> np.ndarray:
+        nonlocal now
+        now += 100
+        return still(observations)
+
+    monkeypatch.setattr(making, "open_or_make", make_slowly)
+    monkeypatch.setattr(usage, "time", SimpleNamespace(monotonic=lambda: now))
+    bench = medium.benchmark(CLEAN)
+    given = {"algorithm": "mine", "updates": 1, "folder": tmp_path, "episodes": 1}
+    for seed in (0, 1):
+        bench.dataset.sample(10)
+        now += 5
+        entries = entries_of(bench.record(act_slowly, seed=seed, **given))
+        assert entries["seconds"] == 5
+    assert now == 1000 + 2 * (5 + 100 * 1000)  # a dataset once, a policy at each of 1,000 steps
