@@ -88,22 +88,25 @@ class RingWriter:
     def write(self) -> bool:
         """Publishes what there is space for; whether there was any. Raises BrokenRingError."""
         first = self._head
-        while self._queue:
-            self._words[self._head_word] = self._head
-            message = self._queue[0]
-            written = self._head - self._begin
-            if written == len(message):
-                self._begin = self._head  # before it leaves the queue: twice sent is not lost
-                self._queue.popleft()
-                continue
-            used = self._head - self._words[self._tail_word]
-            if not 0 <= used <= self._size or used % LINE:
-                raise BrokenRingError
-            count = min(len(message) - written, self._size - used)
-            if count == 0:
-                break
-            self._copy(message, written, count)
-            self._head += count
+        try:
+            while self._queue:
+                self._words[self._head_word] = self._head
+                message = self._queue[0]
+                written = self._head - self._begin
+                if written == len(message):
+                    self._begin = self._head  # before it leaves the queue: twice sent is not lost
+                    self._queue.popleft()
+                    continue
+                used = self._head - self._words[self._tail_word]
+                if not 0 <= used <= self._size or used % LINE:
+                    raise BrokenRingError
+                count = min(len(message) - written, self._size - used)
+                if count == 0:
+                    break
+                self._copy(message, written, count)
+                self._head += count
+        except IndexError:  # a signal handler has closed the environment, and emptied the queue
+            pass
         return self._head != first
 
     def _copy(self, message: bytes, start: int, count: int) -> None:
@@ -154,9 +157,9 @@ class RingReader:
         begin, taken = self._at
         tail = begin + len(taken)
         waiting = self._words[self._head_word] - tail
-        if waiting == 0:
+        if waiting == 0 and not taken:  # an interrupt may have come before `taken` was given
             return None
-        if not 0 < waiting <= self._size or waiting % LINE:
+        if not 0 <= waiting <= self._size or waiting % LINE:
             raise BrokenRingError
         ring, place = self._ring, tail % self._size
         straight = self._size - place

@@ -170,3 +170,29 @@ def test_an_interrupt_at_any_line_loses_or_doubles_one_message_at_most(moment: i
     assert len(taken) <= 1  # a message that came twice
     assert pair.writer.queued == 0
     assert pair.carry(sent[0]) == sent[0]
+
+
+@pytest.mark.parametrize("moment", range(1, 14))
+def test_a_handler_may_write_what_the_call_under_it_was_about_to_write(moment: int) -> None:
+    pair, left = Pair(256), moment
+
+    def handler(frame: FrameType, event: str, _: Any) -> Any:
+        nonlocal left
+        if event == "line" and frame.f_code is RingWriter.write.__code__:
+            left -= 1
+            if left == 0:
+                sys.settrace(before)
+                pair.writer.write()
+        return handler
+
+    pair.writer.push(b"head", bytearray(b"tail"))
+    before = sys.gettrace()
+    sys.settrace(handler)
+    try:
+        pair.writer.write()
+    finally:
+        sys.settrace(before)
+    assert left == 0
+    assert pair.writer.queued == 0
+    assert pair.reader.watch(1)
+    assert pair.reader.take() == (b"head", bytearray(b"tail"))
