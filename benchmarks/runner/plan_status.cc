@@ -40,7 +40,8 @@ std::vector<std::string> MissingScorings(const PlannedRun& run, const RunResult&
 }
 
 RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& result,
-                       uint64_t target, const std::string& run_folder, const std::string& failure) {
+                       uint64_t target, const std::string& run_folder,
+                       const std::string& failure) {
   if (result && result->IsDone(run, target)) {
     const bool can_be_scored =
         !MissingScorings(run, *result).empty() && HoldsAgentOf(*result, run_folder);
@@ -121,7 +122,7 @@ std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& r
                                   fmt::join(missing, ", "), run_folder));
   }
   for (std::string& reason : reasons) {
-    reason = fmt::format("{} {}; without {} it would be trained anew", run.name, reason,
+    reason = fmt::format("{} {}; remove {} to train it anew", run.name, reason,
                          ResultPath(results_folder, run));
   }
   return reasons;
