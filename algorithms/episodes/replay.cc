@@ -147,7 +147,7 @@ Status Replayer::Flush() {
 
 }  // namespace
 
-uint64_t ReplaySeed(uint64_t run_seed) { return RoleSeed(run_seed, "train-lane", 0); }
+uint64_t ReplaySeed(uint64_t run_seed) { return TrainLaneSeed(run_seed, 0); }
 
 Result<uint64_t> ReplayActions(const ActionLog& log, uint64_t rows, Client& client,
                                Recorder& recorder, Progress& progress) {

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <cstring>
 #include <vector>
 
@@ -97,8 +96,9 @@ Status IoError(std::string_view action, std::string_view path, int error_number)
                 fmt::format("cannot {} {}: {}", action, path, std::strerror(error_number)));
 }
 
-bool IsQuotaError(const Status& status) {
-  return status.code() == StatusCode::kIoError && status.message().ends_with(std::strerror(EDQUOT));
+bool IsIoErrorOf(const Status& status, int error_number) {
+  return status.code() == StatusCode::kIoError &&
+         status.message().ends_with(std::strerror(error_number));
 }
 
 void NearestName::Consider(std::string_view candidate) {

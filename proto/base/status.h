@@ -66,9 +66,8 @@ template <typename Range>
 Status UnknownName(std::string_view kind, std::string_view name, const Range& known);
 // kIoError with the message "cannot <action> <path>: <strerror(error_number)>".
 Status IoError(std::string_view action, std::string_view path, int error_number);
-// Whether `status` is an IoError of EDQUOT, also from another process: a user's or group's quota of
-// the disk is used up, which the disk's free bytes do not show.
-bool IsQuotaError(const Status& status);
+// Whether `status` is an IoError with this error number, also from another process.
+bool IsIoErrorOf(const Status& status, int error_number);
 
 // Finds among candidates the string with the smallest edit distance to `name`, if the distance is
 // at most a third of the longer string's length. A folder that both begin with counts for neither,

@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <filesystem>
 #include <vector>
 
@@ -77,11 +76,6 @@ bool IsInForce(int fd, const std::string& path) {
 }
 
 void MarkAsRemoved(int fd) { [[maybe_unused]] const int failed = ftruncate(fd, 1); }
-
-// Whether `status` says that the disk is full, in this process or in the importer's.
-bool IsFullDisk(const Status& status) {
-  return status.code() == StatusCode::kIoError && status.message().ends_with(std::strerror(ENOSPC));
-}
 
 // Whether the cache was unused and is removed.
 bool RemoveToMakeRoom(const Cache& cache) {
@@ -178,9 +172,9 @@ Status CacheFolder::MakeRoom() const {
 }
 
 bool CacheFolder::MakeRoomOnDisk(uint64_t bytes, const Status& failure) const {
-  const bool by_quota = IsQuotaError(failure);
-  // Caches that others may want again are given up for nothing else.
-  if (!by_quota && !IsFullDisk(failure)) return false;
+  const bool by_quota = IsIoErrorOf(failure, EDQUOT);
+  // Caches that others may want again are given up for nothing but a full disk or quota.
+  if (!by_quota && !IsIoErrorOf(failure, ENOSPC)) return false;
   bool removed = false;
   uint64_t removed_bytes = 0;
   const auto has_room = [&] {

@@ -65,8 +65,7 @@ Status AppendCorrupted(const TransitionColumns& source, const RowCorruption& cor
     const auto row_of = [size](std::vector<float>& all, uint64_t row) {
       return std::span(all).subspan(row * size, size);
     };
-    const std::span<const float> old = block.observations;
-    observations.assign(old.begin(), old.end());
+    observations.assign(block.observations.begin(), block.observations.end());
     next_observations.assign(block.next_observations.begin(), block.next_observations.end());
     for (uint64_t i = 0; i < block.rows; ++i) {
       perturber.Apply(DrawContext::Kind::kDataset, first + i, row_of(observations, i));

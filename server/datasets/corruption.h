@@ -2,12 +2,13 @@
 //
 // Row i of the result is a pure function of (noise matrix, corruptions, seed). Observation i gets
 // the noise of row i of the dataset's noise matrix, and so does the next observation of row i - 1
-// if both rows belong to one episode, or hold one state: a state looks the same in both columns. An
-// episode's last row i holds its next observation alone, unless it was read by D4RL's rule; that
-// gets the noise of row i of a second matrix. Noise is drawn once and scaled by its level; hidden
-// dimensions are 0 in both columns, as hiding comes last, wherever it is written. Every dataset has
-// its own matrix, named by its rows and its environment (identity.h). Rewards, actions and flags do
-// not change; infos are never served. Numbers that are not finite pass unchanged. Any thread.
+// if both rows belong to one episode, or hold one state: a state looks the same in both columns.
+// The next observation of an episode's last row i is in no other row, but where D4RL's rule read
+// the file; it gets the noise of row i of a second matrix. Noise is drawn once and scaled by its
+// level; hidden dimensions are 0 in both columns, as hiding comes last, wherever it is written.
+// Every dataset has its own matrix, named by its rows and its environment (identity.h). Rewards,
+// actions and flags do not change; infos are never served. Numbers that are not finite pass
+// unchanged. Any thread.
 #pragma once
 
 #include <atomic>

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "data/files/stored_bytes.h"
@@ -35,9 +34,7 @@ constexpr uint64_t kMinCacheFileBytes = 1ull << 30;
 // Of a file that is larger than the sandbox lets one be, the reason, which lies in what is
 // imported: it would be as large the next time. `status` is another error, or OK.
 Status WithoutTooLargeFile(const Status& status, const SandboxOptions& sandbox) {
-  const bool is_too_large =
-      status.code() == StatusCode::kIoError && status.message().ends_with(std::strerror(EFBIG));
-  if (!is_too_large) return status;
+  if (!IsIoErrorOf(status, EFBIG)) return status;
   return Status(
       StatusCode::kLimitExceeded,
       fmt::format("{}; one file of its cache takes more than {} bytes, allowed: {} times "

@@ -57,6 +57,7 @@ Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
       worker_(worker),
       executor_(executor),
       memory_(memory),
+      pictures_(memory.pictures),
       counters_(shared.child(kFirstWorkerChild + worker)),
       ledgers_(shared),
       replies_({counters_.requests, counters_.errors}, std::move(send)) {}

@@ -102,6 +102,7 @@ class Dispatcher {
   uint32_t worker_;
   Executor& executor_;
   const WorkerShares memory_;
+  SharedBytes pictures_;  // outlives the jobs that hold some of it
   ChildRecord& counters_;
   LedgerTable ledgers_;
   Responder replies_;

@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <memory>
 #include <set>
 
 #include "proto/base/limits.h"
@@ -188,10 +187,7 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
     B4MRL_RETURN_IF_ERROR(CheckSimulators(session->simulator(), simulators,
                                           executor_.thread_count(), memory_.simulators));
   }
-  // All sessions have one share. It lives with them, as no picture is under way while there is
-  // none.
-  session->pictures = sessions_.empty() ? std::make_shared<SharedBytes>(memory_.pictures)
-                                        : sessions_.begin()->second->pictures;
+  session->pictures = &pictures_;
   record.build_deaths.store(0);
   executor_.ForgetDebts(index);
   return (sessions_[token] = std::move(session)).get();

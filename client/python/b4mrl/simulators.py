@@ -42,8 +42,8 @@ def parse(simulator: Simulator, name: str = "simulator") -> tuple[NamedArgument,
 
     `simulator` is a text with commas between perturbations; or a dict from names to values, where a
     value is a number, a text, a list of dimensions by numbers or names, or None or True for a
-    preset; or a list of texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form; the
-    message calls it `name`.
+    preset; or a list of texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has
+    another form; the message calls it `name`.
     """
     items = _parse(simulator, name)
     for item in items:

@@ -81,13 +81,13 @@ TEST_CASE("what may succeed later is recoverable") {
   CHECK_FALSE(Status(StatusCode::kGap, "").recoverable());
 }
 
-TEST_CASE("a full quota is told from other errors, whatever stands before its message") {
+TEST_CASE("an error of the system is told by its number, whatever stands before its message") {
   const Status full = IoError("write", "cache", EDQUOT);
-  CHECK(IsQuotaError(full));
-  CHECK(IsQuotaError(Status(full.code(), full.message()).WithContext("a file")));
-  CHECK_FALSE(IsQuotaError(IoError("write", "cache", ENOSPC)));
-  CHECK_FALSE(IsQuotaError(Status(StatusCode::kDataLoss, full.message())));
-  CHECK_FALSE(IsQuotaError(Status()));
+  CHECK(IsIoErrorOf(full, EDQUOT));
+  CHECK(IsIoErrorOf(Status(full.code(), full.message()).WithContext("a file"), EDQUOT));
+  CHECK_FALSE(IsIoErrorOf(IoError("write", "cache", ENOSPC), EDQUOT));
+  CHECK_FALSE(IsIoErrorOf(Status(StatusCode::kDataLoss, full.message()), EDQUOT));
+  CHECK_FALSE(IsIoErrorOf(Status(), EDQUOT));
 }
 
 Result<int> Half(int x) {
