@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include "proto/base/names.h"
+
 namespace b4mrl {
 namespace {
 
@@ -59,6 +61,12 @@ const DatasetRecipe* FindRecipe(std::string_view name) {
     if (recipe.name == name && (!newest || recipe.version > newest->version)) newest = &recipe;
   }
   return newest;
+}
+
+std::string_view ShortName(std::string_view name) {
+  const std::string_view plain = WithoutVersion(name);
+  const DatasetRecipe* newest = FindRecipe(plain);
+  return newest != nullptr && newest->full_name() == name ? plain : name;
 }
 
 }  // namespace b4mrl

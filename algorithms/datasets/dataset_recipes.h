@@ -39,5 +39,8 @@ struct DatasetRecipe {
 std::span<const DatasetRecipe> DatasetRecipes();
 // The recipe with that name, with or without a version; null if there is none.
 const DatasetRecipe* FindRecipe(std::string_view name);
+// A dataset's name without its version where that means the same recipe, else as it is. So equal
+// data of recipes have one name, however they were asked for. Part of `name`.
+std::string_view ShortName(std::string_view name);
 
 }  // namespace b4mrl

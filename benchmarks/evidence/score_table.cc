@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 #include <set>
+#include <string_view>
 #include <tuple>
 #include <utility>
 
@@ -16,6 +17,7 @@
 #include "benchmarks/records/result_file.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/mean_and_std.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {
@@ -50,6 +52,11 @@ uint64_t EqualUpdates(const Cell& cell) {
     }
   }
   return end;
+}
+
+// Whether both are versions of one dataset, and not the same.
+bool AreVersionsOfOne(std::string_view one, std::string_view other) {
+  return one != other && WithoutVersion(one) == WithoutVersion(other);
 }
 
 std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
@@ -156,14 +163,20 @@ void ScoreTable::SortRuns() {
 }
 
 void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
-  std::set<std::string> known;
-  for (const Benchmark& benchmark : benchmarks) known.insert(benchmark.name);
+  std::map<std::string_view, const Benchmark*> known;
+  for (const Benchmark& benchmark : benchmarks) known.emplace(benchmark.name, &benchmark);
   std::set<Series> used;
   std::set<std::string> left_out;
   for (const ScoredRun& run : *runs_) {
     const std::set<std::string> names(run.benchmarks.begin(), run.benchmarks.end());
     for (const std::string& name : names) {
-      if (!known.contains(name)) continue;
+      const auto benchmark = known.find(name);
+      if (benchmark == known.end()) continue;
+      if (AreVersionsOfOne(run.dataset, benchmark->second->dataset)) {
+        left_out.insert(fmt::format("{} was left out: its dataset is {}, and {} has {}", run.file,
+                                    run.dataset, name, benchmark->second->dataset));
+        continue;
+      }
       Cell& cell = cells_[name][run.series];
       used.insert(run.series);
       const ScoredRun* other = cell.runs.empty() ? nullptr : cell.runs.back();

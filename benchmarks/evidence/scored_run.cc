@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "benchmarks/records/json_file.h"
 
 namespace b4mrl {
@@ -94,10 +95,7 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
   run.series = {TextOf(json, "algorithm"), TextOf(json, "recipe")};
   run.seed = CountOf(json, "seed").value_or(0);
   run.simulator = TextOf(json, "simulator");
-  run.dataset = TextOf(EntryOf(json, "dataset"), "name");
-  // "HalfCheetah/medium-v0" is the dataset "HalfCheetah/medium" of its suite.
-  const std::string version = "-" + TextOf(json, "suite");
-  if (run.dataset.ends_with(version)) run.dataset.resize(run.dataset.size() - version.size());
+  run.dataset = ShortName(TextOf(EntryOf(json, "dataset"), "name"));
   for (const Json& name : EntryOf(json, "benchmarks")) {
     if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
   }

@@ -26,7 +26,7 @@ struct ScoredRun {
   std::string id, file;  // `file` without its folder
   std::string cell_key;  // equal for the runs of one cell
   Series series;
-  std::string simulator, dataset;  // "": none
+  std::string simulator, dataset;  // "": none; the dataset as benchmarks name it
   std::string dataset_file;        // with its version: "HalfCheetah/medium-v0"
   uint64_t rows = 0;               // of that
   std::vector<std::string> benchmarks;

@@ -9,6 +9,7 @@
 
 #include "benchmarks/pages/writers.h"
 #include "benchmarks/plan/budget.h"
+#include "benchmarks/plan/suite_plan.h"
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
 #include "data/files/make_folder.h"
@@ -111,7 +112,7 @@ Result<Reading> ReadingOf(const std::string& at) {
 
 Result<Evidence> GatherEvidence(const ReportOptions& options) {
   Evidence evidence;
-  B4MRL_ASSIGN_OR_RETURN(evidence.benchmarks, ReadSuites({DefaultSuitesFolder(), options.suites}));
+  B4MRL_ASSIGN_OR_RETURN(evidence.benchmarks, ReadBenchmarks(options.suites));
   B4MRL_ASSIGN_OR_RETURN(const Reading reading, ReadingOf(options.at));
   B4MRL_ASSIGN_OR_RETURN(evidence.table, ScoreTable::Read(options.folder, evidence.benchmarks,
                                                           reading.limit, reading.main_recipes));
@@ -122,7 +123,7 @@ Result<Evidence> GatherEvidence(const ReportOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
   evidence.other_rows = RunsOnOtherRows(evidence.table, published);
   // Claims about "confounding/*" are about the project's benchmarks, whatever others are named.
-  B4MRL_ASSIGN_OR_RETURN(const auto own, ReadSuites({DefaultSuitesFolder()}));
+  B4MRL_ASSIGN_OR_RETURN(const auto own, ReadBenchmarks(""));
   B4MRL_ASSIGN_OR_RETURN(evidence.claims, ReadClaims(OwnFile("claims.toml"), own));
   B4MRL_ASSIGN_OR_RETURN(evidence.explanations, ReadExplanations(OwnFile("explanations.toml")));
   B4MRL_ASSIGN_OR_RETURN(evidence.parameters, ReadParameters(OwnFile("paper_parameters.csv")));

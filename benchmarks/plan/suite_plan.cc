@@ -63,6 +63,12 @@ Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedD
 
 }  // namespace
 
+Result<std::vector<Benchmark>> ReadBenchmarks(const std::string& suites) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all, ReadSuites({DefaultSuitesFolder(), suites}));
+  for (Benchmark& benchmark : all) benchmark.dataset = ShortName(benchmark.dataset);
+  return all;
+}
+
 nlohmann::json DescribeRows(const std::string& name, uint64_t rows,
                             const std::string& columns_sha256) {
   return {{"name", name}, {"rows", rows}, {"columns_sha256", columns_sha256}};
@@ -76,8 +82,7 @@ Result<std::vector<Benchmark>> BenchmarksOf(const SuiteChoice& choice) {
                   "--data d4rl and --learner exclude each other: the clients that a learner of "
                   "your own uses open the benchmark's data, which are B4MRL's");
   }
-  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all,
-                         ReadSuites({DefaultSuitesFolder(), choice.suites}));
+  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all, ReadBenchmarks(choice.suites));
   for (Benchmark& benchmark : all) {
     if (choice.source == "d4rl" && !benchmark.dataset.empty()) {
       benchmark.dataset = OfD4rl(benchmark.dataset);

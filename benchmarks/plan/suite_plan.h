@@ -27,6 +27,10 @@ struct SuiteChoice {
   std::optional<UsersLearner> learner;
 };
 
+// The benchmarks of the project's suites and of those in the folder `suites` ("": none). Datasets
+// have the names that plans give them (ShortName). Errors: those of ReadSuites.
+Result<std::vector<Benchmark>> ReadBenchmarks(const std::string& suites);
+
 // D4RL's dataset of the same level: "HalfCheetah/medium" is "d4rl/halfcheetah-medium-v2".
 std::string OfD4rl(const std::string& dataset);
 

@@ -25,7 +25,7 @@ std::optional<PlannedRun> PlannedBy(Budget budget, const Json& result,
     if (found == sources.benchmarks.end()) continue;
     std::vector<Benchmark> benchmark = {*found};
     // D4RL's dataset of the same level may stand for the benchmark's.
-    benchmark.front().dataset = DatasetName(result, sources);
+    benchmark.front().dataset = DatasetName(result);
     const auto plan = MakePlan(benchmark, budget, choice, PlanSourcesFor(result, sources));
     if (plan.ok() && !plan->empty()) return plan->front();
   }

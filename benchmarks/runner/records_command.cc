@@ -45,7 +45,7 @@ Result<int> RecordsCommand::Check() const {
   B4MRL_ASSIGN_OR_RETURN(const PlanKnowledge knowledge, PlanKnowledge::Ask(client));
   CheckSources sources = {.plan = knowledge.sources(), .published = &knowledge.published()};
   sources.find_environment = [&](const std::string& name) { return client.FindEnvironment(name); };
-  B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadBenchmarks(suites));
   B4MRL_ASSIGN_OR_RETURN(sources.budgets, ReadBudgets(DefaultBudgetsFile()));
   B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
   size_t sound = 0;
@@ -66,7 +66,7 @@ Result<int> RecordsCommand::Check() const {
 }
 
 Result<int> RecordsCommand::PrintLeaderboard() const {
-  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadBenchmarks(suites));
   B4MRL_ASSIGN_OR_RETURN(const auto published, ReadPublishedDatasets());
   std::vector<std::string> skipped;
   B4MRL_ASSIGN_OR_RETURN(const std::string csv,

@@ -61,6 +61,21 @@ TEST_CASE("Results of one cell on other rows of the data are not averaged but na
   CHECK_THAT(table.notes()[0], Catch::Contains("result-1.json was left out"));
 }
 
+TEST_CASE(
+    "A result on another version of the benchmark's dataset is left out, however far it came") {
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
+  auto old = JsonOf(
+      {.algorithm = "iql", .benchmarks = {kClean}, .score = 60, .cell = "old", .updates = 9000});
+  old["dataset"]["name"] = "HalfCheetah/medium-v7";
+  results.Add(old.dump());
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->Mean() == 40);
+  REQUIRE(table.notes().size() == 1);
+  CHECK_THAT(table.notes()[0],
+             Catch::Contains("result-1.json was left out: its dataset is HalfCheetah/medium-v7, "
+                             "and HalfCheetah/clean/medium has HalfCheetah/medium"));
+}
+
 TEST_CASE("Results of a benchmark that meant another world before are not averaged but named") {
   MadeResult before = {.algorithm = "mine", .benchmarks = {kClean}, .score = 40, .cell = "c"};
   for (const char* key : {"simulator", "corruption", "world"}) {

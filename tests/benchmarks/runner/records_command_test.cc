@@ -157,6 +157,25 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/curve/49/3", 1e6, "the last standard deviation is 1000000"));
 }
 
+TEST_CASE("A user's suite may name versions of datasets, and share runs with the project's") {
+  Suite suite("td3-bc = 20");
+  const std::string suites = suite.File("suites");
+  fs::create_directory(suites);
+  WriteBytes(suites + "/mine.toml",
+             "version = \"mine\"\nenvironment = \"HalfCheetah\"\n"
+             "[[challenge]]\nname = \"mine\"\ndatasets = [\"random-v0\"]\n");
+  suite.pattern = "HalfCheetah/mine/random-v0";
+  REQUIRE(Run(suite.Command({"--suites", suites})).exit_code == 0);
+  const fs::path file = fs::directory_iterator(suite.Out() + "/results")->path();
+  CHECK(std::string(file.filename()).starts_with("HalfCheetah-td3-bc-random-s0-"));
+  const Json result = Json::parse(ReadBytes(file), nullptr, false);
+  CHECK(std::ranges::count(result["benchmarks"], "HalfCheetah/clean/random") == 1);
+  CHECK(std::ranges::count(result["benchmarks"], "HalfCheetah/mine/random-v0") == 1);
+  const Outcome checked = Run({"benchmark", "check", suite.Out(), "--suites", suites});
+  INFO(checked.out << checked.err);
+  CHECK(checked.exit_code == 0);
+}
+
 TEST_CASE("Names of the project's budgets and recipes stand for what they say") {
   const auto says = [](const std::string& run, const std::map<std::string, Json>& changes,
                        const std::string& words) {
