@@ -163,7 +163,10 @@ Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
   request.mutable_hello()->set_client(fmt::format("{} {}", kClientName, ProjectVersion()));
   Result<ReceivedReply> reply =
       client.gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(deadline_ms));
-  if (!reply.ok()) return reply.status().WithContext(endpoint);
+  if (!reply.ok()) {
+    const bool is_named = reply.status().message().find(endpoint) != std::string::npos;
+    return is_named ? reply.status() : reply.status().WithContext(endpoint);
+  }
   client.hello_ = reply->envelope.hello();
   if (client.hello_.protocol_version() != limits::kProtocolVersion) {
     return Status(StatusCode::kVersionMismatch,
@@ -284,6 +287,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
 
 Result<RemoteEnvironment> Client::Make(const std::string& environment, EnvironmentOptions options) {
   B4MRL_ASSIGN_OR_RETURN(options.deadline_ms, DeadlineInForce("deadline_ms", options.deadline_ms));
+  if (options.observation_dtype == DType::kUnspecified) options.observation_dtype = DType::kFloat32;
   pb::Request request;
   pb::OpenRequest* open = request.mutable_open();
   open->set_environment(environment);

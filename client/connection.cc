@@ -44,6 +44,12 @@ Status CheckStrings(const pb::Request& request) {
 
 }  // namespace
 
+Status CheckPayloadBytes(uint64_t bytes) {
+  if (bytes <= limits::kMaxPayloadBytes) return Status();
+  return InvalidNumber("bytes of the arrays", static_cast<double>(bytes),
+                       fmt::format("at most {}", limits::kMaxPayloadBytes));
+}
+
 Status NotUnderstood(const Status& error) {
   return Status(StatusCode::kInternal, fmt::format("unreadable reply: {}", error.message()));
 }
@@ -90,18 +96,14 @@ Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline d
                   fmt::format("{} requests in flight, at most {}", in_flight() + 1,
                               limits::kMaxRequestsInFlight));
   }
-  // A daemon would end the connection each time that such a payload is sent.
-  if (payload.size() > limits::kMaxPayloadBytes) {
-    return InvalidNumber("bytes of the arrays", static_cast<double>(payload.size()),
-                         fmt::format("at most {}", limits::kMaxPayloadBytes));
-  }
+  B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(payload.size()));
   B4MRL_RETURN_IF_ERROR(CheckStrings(request));
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_session_token(token_);
   request.set_request_id(next_id_);
   const Clock::time_point now = Clock::now();
   pending_.push_back({next_id_, std::move(request), std::move(payload), deadline, now,
-                      (deadline.at() - now) / kPatienceFraction, 0, now});
+                      (deadline.at() - now) / kPatienceFraction, 0, now, now});
   if (Status status = Transmit(pending_.back()); !status.ok()) {
     pending_.pop_back();
     return status;
@@ -150,7 +152,9 @@ Delivery Connection::ReceiveAny(std::span<const uint64_t> ids) {
 
 Result<ReceivedReply> Connection::Call(pb::Request request, Frame payload, Deadline deadline) {
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, Send(std::move(request), std::move(payload), deadline));
-  return Receive(id);
+  Result<ReceivedReply> reply = Receive(id);
+  if (!reply.ok()) Abandon(id);
+  return reply;
 }
 
 void Connection::Abandon(uint64_t id) {
@@ -194,7 +198,7 @@ Status Connection::NoAnswer() {
 }
 
 Clock::time_point Connection::ResendTime(const Pending& pending) const {
-  return std::max(pending.sent, last_reply_) + pending.patience;
+  return std::max(pending.sent, pending.heard) + pending.patience;
 }
 
 Deadline Connection::NextWake() const {
@@ -209,10 +213,12 @@ Deadline Connection::NextWake() const {
 
 void Connection::Pump() {
   std::optional<Message> message = link_.Receive(NextWake());
-  if (!message) Resend();
+  const bool is_answer = message && Accept(std::move(*message));
+  // Where messages keep coming, no wait is empty.
+  if (!message || Clock::now() - looked_ >= std::chrono::milliseconds(kLookMs)) Resend();
   // No request expires while the queue may still hold its reply: only when the queue is empty, or
   // held a message that answers no request.
-  if (!message || !Accept(std::move(*message))) ExpirePending();
+  if (!is_answer) ExpirePending();
 }
 
 bool Connection::Accept(Message message) {
@@ -231,13 +237,16 @@ bool Connection::Accept(Message message) {
   if (passing) delivery.kind = Delivery::Kind::kNoAnswer;
   pending_.erase(pending);
   last_reply_ = Clock::now();
+  for (Pending& other : pending_) {
+    if (other.id > id) other.heard = last_reply_;
+  }
   arrived_.push_back(std::move(delivery));
   return true;
 }
 
 void Connection::Resend() {
   connections_seen_ = link_.connections();
-  const Clock::time_point now = Clock::now();
+  const Clock::time_point now = looked_ = Clock::now();
   const bool is_quiet = std::ranges::any_of(
       pending_, [now](const Pending& pending) { return pending.asked + kQuiet < now; });
   if (is_quiet) listening_.Look(now);

@@ -6,7 +6,8 @@
 //   - after a reconnection: the process may be a replacement, which has none of the old one's
 //     requests. At the first reconnection, a request gets at least an eighth of its deadline, since
 //     the caller may not have read replies for a while;
-//   - when no reply to any request has come for an eighth of the request's deadline.
+//   - when no reply to it, or to a request that was sent before it, has come for an eighth of its
+//     deadline. Replies to later ones do not show that the server has it.
 // Where nobody listens on the daemon's machine, the daemon has ended, or was never started
 // (proto/wire/listening.h). Requests are then given up after ten seconds, long enough to start the
 // daemon again, if their own deadlines are not shorter.
@@ -33,6 +34,10 @@
 #include "proto/wire/tensor.h"
 
 namespace b4mrl {
+
+// kInvalidArgument for arrays of a request that are larger than a server accepts, which ends the
+// connection each time that they are sent. Asked before memory is taken for them.
+Status CheckPayloadBytes(uint64_t bytes);
 
 // The error of a reply that says OK and cannot be understood. Its request was executed, so this is
 // kInternal whatever `error` is, which would read as a refusal that has changed nothing.
@@ -98,7 +103,7 @@ class Connection {
   Result<ReceivedReply> Receive(uint64_t id);
   // Waits until the first of the requests `ids` is answered, and returns its outcome.
   Delivery ReceiveAny(std::span<const uint64_t> ids);
-  // Sends a request and waits for its reply.
+  // Sends a request and waits for its reply. An interrupted one is dropped.
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
   // Drops the request `id` and its reply. The server may execute the request all the same.
   void Abandon(uint64_t id);
@@ -133,9 +138,10 @@ class Connection {
     Frame payload;
     Deadline deadline;
     Clock::time_point asked;   // when the caller sent the request
-    Clock::duration patience;  // time without any reply after which the request is sent again
+    Clock::duration patience;  // time without such a reply after which the request is sent again
     uint32_t connection;       // number, from 1, of the connection that last sent the request
     Clock::time_point sent;    // when the request was last sent
+    Clock::time_point heard;   // when a reply came to a request that was sent before this one
     bool resent = false;       // whether the request was sent more than once
     bool renewed = false;      // whether its deadline was extended after a reconnection
   };
@@ -146,7 +152,7 @@ class Connection {
         token_(std::move(token)),
         cancelled_(cancelled) {}
   Status Transmit(Pending& pending);
-  // Waits for one message and accepts it, or resends and gives up requests that are due.
+  // Waits for one message and accepts it. Resends and gives up requests that are due.
   void Pump();
   // Keeps a message as the reply to its request; false if it answers no pending request.
   bool Accept(Message message);
@@ -170,6 +176,7 @@ class Connection {
   uint64_t next_id_ = 1;
   uint32_t connections_seen_ = 0;
   Clock::time_point last_reply_{};
+  Clock::time_point looked_{};  // when Resend was last called
   std::deque<Pending> pending_;
   std::deque<Delivery> arrived_;
 };

@@ -20,7 +20,6 @@ class LaneNumbers {
  public:
   explicit LaneNumbers(uint32_t lanes) : lanes_(lanes) {}
 
-  size_t size() const { return lanes_.size(); }
   size_t CountOf(std::span<const uint32_t> lanes) const {
     return lanes.empty() ? lanes_.size() : lanes.size();
   }

@@ -29,7 +29,7 @@ class Link {
                            const std::string& door, const Deadline& deadline,
                            const std::atomic<bool>* cancelled = nullptr);
 
-  // Never waits, but for a message that is longer than the door's ring (ClientDoor::Send).
+  // Never waits, but 20 ms at most for space in a door's ring (ClientDoor::Send).
   // kUnavailable when the queue towards the server is full.
   Status Send(Message message);
   // Blocks for the next message until the deadline, but at most 20 ms, after which the caller may

@@ -109,7 +109,10 @@ Result<std::vector<uint8_t>> RemoteBenchmark::Mask() {
 Result<EvaluationResult> RemoteBenchmark::Evaluate(const BatchPolicy& policy,
                                                    const EvaluationOptions& options) {
   using Observe = EvaluationOptions::Observe;
-  if (options.episodes == 0) return InvalidArgument("episodes", "0", "at least 1");
+  if (options.episodes == 0 || options.episodes > limits::kMaxLanesPerSession) {
+    return InvalidNumber("episodes", options.episodes,
+                         fmt::format("1..{}", limits::kMaxLanesPerSession));
+  }
   EnvironmentOptions session_options;
   B4MRL_ASSIGN_OR_RETURN(session_options.simulator, ParseNamedArguments(info_.world()));
   BatchPolicy seeing = policy;

@@ -101,6 +101,7 @@ Status BatchStream::ReceiveGroup() {
   Result<TransitionRows> group =
       dataset_->ReadRows(dataset_->connection_.Receive(id), uint64_t{rows_} * batches_per_request_);
   if (!group.ok()) {
+    dataset_->connection_.Abandon(id);
     Abandon();
     return group.status();
   }

@@ -71,6 +71,7 @@ Result<uint64_t> RemoteEnvironment::SendRows(std::span<const Scalar> observation
       layout.Add("observations", DTypeOf<Scalar>(), {rows, spec_.observation.size()});
   const size_t actions_offset =
       layout.Add("actions", DTypeOf<Scalar>(), {rows, spec_.action.size()});
+  B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(layout.payload_bytes()));
   Frame payload = layout.Allocate();
   std::ranges::copy(observations,
                     ArrayAt<Scalar>(payload, observations_offset, observations.size()).begin());
@@ -137,6 +138,7 @@ Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
       const Chunk chunk = chunks.front();
       chunks.pop_front();
       status = ReceiveRows(chunk.id, Rows(output, chunk.first, chunk.rows, observation_size));
+      if (!status.ok()) connection_->Abandon(chunk.id);
     }
   }
   for (const Chunk& chunk : chunks) connection_->Abandon(chunk.id);

@@ -20,10 +20,11 @@ Result<uint64_t> SizePerLane(std::string_view name, uint64_t elements, uint64_t 
 }
 
 // The payload of a request about `lanes`; empty if `lanes` is empty, which means all lanes.
-Frame AddLanes(std::span<const uint32_t> lanes, pb::Request& request) {
+Result<Frame> AddLanes(std::span<const uint32_t> lanes, pb::Request& request) {
   if (lanes.empty()) return Frame();
   ArrayLayout layout(request.mutable_arrays());
   const size_t offset = layout.Add("lanes", DType::kUint32, {lanes.size()});
+  B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(layout.payload_bytes()));
   Frame payload = layout.Allocate();
   std::ranges::copy(lanes, ArrayAt<uint32_t>(payload, offset, lanes.size()).begin());
   return payload;
@@ -35,7 +36,7 @@ Result<LaneStates> RemoteEnvironment::Snapshot(std::span<const uint32_t> lanes) 
   B4MRL_RETURN_IF_ERROR(numbers_.CheckRange(lanes));
   pb::Request request;
   request.mutable_snapshot();
-  Frame payload = AddLanes(lanes, request);
+  B4MRL_ASSIGN_OR_RETURN(Frame payload, AddLanes(lanes, request));
   B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply,
                          connection_->Call(std::move(request), std::move(payload), NewDeadline()));
   LaneStates states;
@@ -62,7 +63,7 @@ Result<Pictures> RemoteEnvironment::Render(std::span<const uint32_t> lanes, uint
   pb::Request request;
   request.mutable_render()->set_width(width);
   request.mutable_render()->set_height(height);
-  Frame payload = AddLanes(lanes, request);
+  B4MRL_ASSIGN_OR_RETURN(Frame payload, AddLanes(lanes, request));
   Pictures pictures;
   B4MRL_ASSIGN_OR_RETURN(pictures.reply,
                          connection_->Call(std::move(request), std::move(payload), NewDeadline()));

@@ -19,7 +19,6 @@ namespace {
 using Json = nlohmann::json;  // its keys are sorted, so equal contents are equal texts
 
 constexpr size_t kIdDigits = 16;
-constexpr size_t kMostNameCharacters = 40;  // of a user's learner
 
 std::string IdOf(const Json& identity) {
   return Sha256OfText(identity.dump()).substr(0, kIdDigits);
@@ -305,11 +304,7 @@ Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
 
 Status CheckLearner(const UsersLearner& learner, const Budget& budget,
                     std::span<const Algorithm> algorithms) {
-  const bool has_name = !learner.name.empty() && learner.name.size() <= kMostNameCharacters &&
-                        std::ranges::all_of(learner.name, [](char c) {
-                          return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-';
-                        });
-  if (!has_name) {
+  if (!IsLearnerName(learner.name)) {
     return InvalidArgument("--name", learner.name,
                            fmt::format("1 to {} letters, digits and dashes", kMostNameCharacters));
   }
@@ -327,6 +322,13 @@ Status CheckLearner(const UsersLearner& learner, const Budget& budget,
 }
 
 }  // namespace
+
+bool IsLearnerName(std::string_view name) {
+  return !name.empty() && name.size() <= kMostNameCharacters &&
+         std::ranges::all_of(name, [](char c) {
+           return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-';
+         });
+}
 
 bool IsNameOfAlgorithm(const std::string& name, std::span<const Algorithm> algorithms) {
   const auto lower = [](char c) { return std::tolower(static_cast<unsigned char>(c)); };

@@ -13,12 +13,14 @@
 // Value types; any thread.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "algorithms/base/learner.h"
@@ -64,6 +66,10 @@ struct PlannedRun {
   bool is_users() const { return !learner.empty(); }
 };
 
+// Whether a name can be that of a learner of the user's own: it has 1 to kMostNameCharacters
+// letters, digits and dashes.
+inline constexpr size_t kMostNameCharacters = 40;
+bool IsLearnerName(std::string_view name);
 // Whether a learner of the user's own of that name would pass for one of these: letters of either
 // case are the same, since reports write "TD3-BC" for td3-bc.
 bool IsNameOfAlgorithm(const std::string& name, std::span<const Algorithm> algorithms);

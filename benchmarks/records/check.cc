@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <optional>
 #include <set>
@@ -18,6 +17,7 @@
 #include "benchmarks/records/budget_check.h"
 #include "benchmarks/records/curve.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/scoring_check.h"
 #include "proto/base/mean_and_std.h"
 #include "proto/base/names.h"
 
@@ -25,16 +25,6 @@ namespace b4mrl {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-// Logs keep nine digits of a number.
-constexpr double kTolerance = 1e-6;
-
-// Null and a number are the same to both sides.
-bool Agree(const std::optional<double>& number, const std::optional<double>& must_be) {
-  return number.has_value() == must_be.has_value() &&
-         (!number ||
-          std::abs(*number - *must_be) <= kTolerance * std::max(1.0, std::abs(*must_be)));
-}
 
 class Checker {
  public:
@@ -122,6 +112,9 @@ void Checker::CheckEntries() {
   const std::string algorithm = TextOf(result_, "algorithm");
   if (IsUsers() && IsNameOfAlgorithm(algorithm, sources_.plan.algorithms)) {
     Fault(fmt::format("algorithm is '{}', a name of b4mrl's own", algorithm));
+  } else if (IsUsers() && !IsLearnerName(algorithm)) {
+    Fault(fmt::format("algorithm is '{}', allowed: 1 to {} letters, digits and dashes", algorithm,
+                      kMostNameCharacters));
   }
 }
 
@@ -166,7 +159,10 @@ void Checker::CheckBenchmarks() {
   std::set<std::string> seen, suites;
   for (const Json& name : names) {
     const std::string text = name.is_string() ? name.get<std::string>() : "";
-    if (!seen.insert(text).second) Fault(fmt::format("benchmark '{}' is listed twice", text));
+    if (!seen.insert(text).second) {
+      // Others may have written it a hundred thousand times.
+      return Fault(fmt::format("benchmark '{}' is listed twice", text));
+    }
     const auto found = std::ranges::find(sources_.benchmarks, text, &Benchmark::name);
     if (found == sources_.benchmarks.end()) {
       Fault(fmt::format("benchmark '{}' is in no suite", text));
@@ -278,6 +274,18 @@ void Checker::CheckIds(const std::string& file_name) {
   if (!run.ok()) return Fault(run.status().message());
   CheckText("id", run->id);
   CheckText("cell", run->cell_id);
+  if (const Json& dataset = EntryOf(result_, "dataset"); !dataset.is_null()) {
+    // An id has the recipe's version, and no more rows than it.
+    if (TextOf(dataset, "name") != run->full_dataset) {
+      Fault(fmt::format("dataset.name is '{}', must be '{}'", TextOf(dataset, "name"),
+                        run->full_dataset));
+    }
+    if (run->rows && CountOf(dataset, "rows") != run->rows) {
+      Fault(fmt::format("dataset.rows is {}, allowed: at most the {} of {}",
+                        EntryOf(dataset, "rows").dump(), *run->rows, run->full_dataset));
+    }
+  }
+  for (std::string& fault : ScoringFaults(result_, *run, sources_)) Fault(std::move(fault));
   const std::string expected = fmt::format("{}-{}.json", run->name, run->id);
   if (file_name != expected) Fault(fmt::format("the file must be named {}", expected));
 }

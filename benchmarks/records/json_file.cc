@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <sys/mman.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <system_error>
@@ -16,6 +17,9 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kMaxDepth = 32;  // lists and objects inside each other
+// Of one object. An ordered one looks through all that it has for each further entry: four
+// megabytes of them would take minutes.
+constexpr size_t kMaxEntries = 1'000;
 // Of memory for each byte of a text, while it is read or what was read is destroyed: at most 43 in
 // a list of empty texts, three bytes each, whose place in it takes 16 and whose own memory 48; the
 // list has grown to twice its length, and is taken apart through a copy that grows likewise.
@@ -28,6 +32,29 @@ bool CanHave(size_t bytes) {
   if (tried == MAP_FAILED) return false;
   munmap(tried, bytes);
   return true;
+}
+
+// Whether an object has more than kMaxEntries, as far as its colons tell. `text` nests no deeper
+// than kMaxDepth.
+bool HasManyEntries(std::string_view text) {
+  std::array<size_t, kMaxDepth + 1> entries{};  // of the objects around a place
+  size_t depth = 0;
+  bool in_string = false;
+  for (size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string && c == '\\') {
+      ++i;  // the escaped character
+    } else if (c == '"') {
+      in_string = !in_string;
+    } else if (!in_string && (c == '[' || c == '{')) {
+      entries[++depth] = 0;
+    } else if (!in_string && (c == ']' || c == '}') && depth > 0) {
+      --depth;
+    } else if (!in_string && c == ':' && ++entries[depth] > kMaxEntries) {
+      return true;
+    }
+  }
+  return false;
 }
 
 // The word of the first number that is not finite, as Python's json.dump writes it; "": none.
@@ -56,6 +83,10 @@ Result<Json> ParseJsonObject(std::string_view text, std::string_view name) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("not enough memory to read {}: its {} bytes may take {} MiB", name,
                               text.size(), (bytes >> 20) + 1));
+  }
+  if (!NestsDeeper(text, kMaxDepth) && HasManyEntries(text)) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("{} has an object with more than {} entries", name, kMaxEntries));
   }
   Json json = ParseShallow<Json>(text, kMaxDepth);
   if (json.is_object()) return json;

@@ -39,6 +39,25 @@ CLI::App* RecordsCommand::AddLeaderboard(CLI::App& app) {
   return command;
 }
 
+namespace {
+
+constexpr size_t kMostShownBytes = 1'000;  // of one line
+
+// What is said of a stranger's file, which could otherwise forge lines or move a terminal's cursor:
+// without control characters, also those of UTF-8, and not longer than a few lines.
+std::string OnOneLine(std::string text) {
+  for (size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const auto next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
+    if (byte < 0x20 || byte == 0x7f) text[i] = '?';
+    if (byte == 0xc2 && next >= 0x80 && next < 0xa0) text[i] = text[i + 1] = '?';
+  }
+  if (text.size() <= kMostShownBytes) return text;
+  return text.substr(0, kMostShownBytes) + "...";
+}
+
+}  // namespace
+
 Result<int> RecordsCommand::Check() const {
   B4MRL_ASSIGN_OR_RETURN(const PrivateDaemon daemon, PrivateDaemon::Start());
   B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(daemon.endpoint()));
@@ -53,11 +72,16 @@ Result<int> RecordsCommand::Check() const {
     const std::string agent =
         result.agent == AgentCheck::kScored ? result.agreement : "no agent is there";
     if (result.faults.empty() && result.agent == AgentCheck::kNotReached) {
-      fmt::print("unknown {} (its agent was not scored)\n", result.path);
+      fmt::print("{}\n",
+                 OnOneLine(fmt::format("unknown {} (its agent was not scored)", result.path)));
       continue;
     }
-    if (result.faults.empty()) fmt::print("sound {} ({})\n", result.path, agent);
-    for (const std::string& fault : result.faults) fmt::print("fault {}: {}\n", result.path, fault);
+    if (result.faults.empty()) {
+      fmt::print("{}\n", OnOneLine(fmt::format("sound {} ({})", result.path, agent)));
+    }
+    for (const std::string& fault : result.faults) {
+      fmt::print("{}\n", OnOneLine(fmt::format("fault {}: {}", result.path, fault)));
+    }
     sound += result.faults.empty() ? 1 : 0;
   }
   fmt::print("{} of {} results are sound\n", sound, checked.size());
@@ -71,7 +95,7 @@ Result<int> RecordsCommand::PrintLeaderboard() const {
   std::vector<std::string> skipped;
   B4MRL_ASSIGN_OR_RETURN(const std::string csv,
                          Leaderboard(results, benchmarks, published, &skipped));
-  for (const std::string& reason : skipped) Tell("left out: " + reason + "\n");
+  for (const std::string& reason : skipped) Tell(OnOneLine("left out: " + reason) + "\n");
   fmt::print("{}", csv);
   return kExitDone;
 }

@@ -4,6 +4,7 @@
 #include <poll.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <list>
@@ -23,12 +24,16 @@
 #include "data/files/file_hash.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/child_program.h"
+#include "proto/base/clock.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
 
 namespace fs = std::filesystem;
+
+// An agent of a usual size plays the most episodes in a minute; a stranger's could take hours.
+constexpr int64_t kScoringDeadlineMs = 600'000;
 
 Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   std::error_code error;
@@ -89,6 +94,7 @@ class ResultChecks {
   struct Active {
     size_t number;  // of the result
     Job job;
+    Deadline deadline = Deadline::AfterMs(kScoringDeadlineMs);
   };
 
   Status ReadFiles(const std::vector<std::string>& files);
@@ -96,7 +102,7 @@ class ResultChecks {
   void ScoreAgents();
   void Begin(size_t number);
   Status TryToBegin(size_t number);
-  void Finish(size_t number, int exit_code);
+  void Finish(const Active& ended, int exit_code);
   Status TryToFinish(size_t number);
   const std::string& AgentOf(size_t number) const {
     return agents_.at(TextOf(marks_[number], "agent_sha256"));
@@ -158,7 +164,10 @@ void ResultChecks::ScoreAgents() {
           Begin(number);
           return true;
         });
-    CollectEnded(active_, [this](const Active& ended, int code) { Finish(ended.number, code); });
+    for (Active& each : active_) {
+      if (each.deadline.expired() && !each.job.was_stopped()) each.job.Stop();
+    }
+    CollectEnded(active_, [this](const Active& ended, int code) { Finish(ended, code); });
     if (!active_.empty()) poll(nullptr, 0, kJobPollMs);
   }
 }
@@ -188,8 +197,13 @@ Status ResultChecks::TryToBegin(size_t number) {
   return Status();
 }
 
-void ResultChecks::Finish(size_t number, int exit_code) {
+void ResultChecks::Finish(const Active& ended, int exit_code) {
+  const size_t number = ended.number;
   checked_[number].agent = AgentCheck::kScored;
+  if (ended.job.was_stopped()) {
+    return Fault(number, fmt::format("its agent could not be scored within {} s",
+                                     kScoringDeadlineMs / 1000));
+  }
   if (exit_code != 0) {
     Fault(number, fmt::format("its agent could not be scored: code {}", exit_code));
     return;

@@ -70,12 +70,12 @@ Status CheckOption(const std::string& option) {
   const std::string_view name = std::string_view(option).substr(0, option.find_first_of("= "));
   for (const std::string_view own :
        {"--job-name", "--array", "--signal", "--requeue", "--no-requeue", "--open-mode", "--wrap",
-        "--parsable", "--clusters"}) {
+        "--parsable", "--clusters", "--wait"}) {
     if (name.size() > 2 && own.starts_with(name)) {
       return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
     }
   }
-  for (const std::string_view own : {"-J", "-a", "-M"}) {
+  for (const std::string_view own : {"-J", "-a", "-M", "-W"}) {
     if (option.starts_with(own)) {
       return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
     }
@@ -145,7 +145,7 @@ Result<std::string> OutputOf(const std::vector<std::string>& words,
     output.append(bytes.data(), static_cast<size_t>(count));
   }
   if (WaitForExit(program.process_id, deadline) == 0) return output;
-  return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", words.front()));
+  return Status(StatusCode::kInternal, fmt::format("Slurm's {} failed", words.front()));
 }
 
 // "" for the first block, "+1001" for the one that begins with run 1001.

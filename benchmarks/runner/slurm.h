@@ -55,7 +55,7 @@ Result<std::string> BatchScript(const SlurmJob& job, const RunBlock& block);
 std::string CompactList(const std::vector<uint64_t>& indices);
 
 // Those of the folder's first `runs` runs that tasks in Slurm's queue are to train or are training,
-// in blocks of this size. kFailedPrecondition without squeue, kUnavailable if it fails.
+// in blocks of this size. kFailedPrecondition without squeue, kInternal if it fails.
 Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t runs,
                                          uint64_t array_size);
 

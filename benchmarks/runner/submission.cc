@@ -19,11 +19,18 @@ namespace {
 Status SubmitBlocks(const std::vector<RunBlock>& blocks, const SubmissionOptions& options) {
   if (blocks.empty()) return Status();
   SlurmJob job = options.job;
-  if (job.parallel_tasks > 0) {  // of all blocks together, but one of each at least
-    job.parallel_tasks = std::max(1u, job.parallel_tasks / static_cast<uint32_t>(blocks.size()));
+  const auto jobs = static_cast<uint32_t>(blocks.size());
+  const uint32_t tasks = options.job.parallel_tasks;  // of all blocks together
+  if (tasks > 0 && tasks < jobs) {
+    Tell(
+        fmt::format("{} tasks at a time instead of {}: one of each job, of which there are as "
+                    "many because the cluster bounds their size\n",
+                    jobs, tasks));
   }
   B4MRL_RETURN_IF_ERROR(MakeFolder(job.folder + "/logs"));
-  for (const RunBlock& block : blocks) {
+  for (uint32_t i = 0; i < jobs; ++i) {
+    const RunBlock& block = blocks[i];
+    if (tasks > 0) job.parallel_tasks = std::max(1u, tasks / jobs + (i < tasks % jobs ? 1 : 0));
     B4MRL_ASSIGN_OR_RETURN(const std::string script, BatchScript(job, block));
     const std::string path = job.folder + "/" + ScriptName(block);
     B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, script));

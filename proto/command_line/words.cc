@@ -92,11 +92,13 @@ CLI::Validator Address() {
 Status CheckAddress(std::string_view address) {
   if (address.starts_with("ipc://")) return ParseIpcAddress(address).status();
   const Status not_allowed =
-      InvalidArgument("address", address, "tcp://HOST:PORT with a port in 1..65535 or ipc://PATH");
+      InvalidArgument("address", address,
+                      "tcp://HOST:PORT with a name or an IPv4 address and a port in 1..65535, or "
+                      "ipc://PATH");
   const Result<TcpAddress> parsed = ParseTcpAddress(address);
   if (!parsed.ok() || parsed->port == 0) return not_allowed;  // a port that is free is for servers
   const bool is_host = std::ranges::all_of(parsed->host, [](unsigned char c) {
-    return std::isalnum(c) != 0 || std::string_view(".-_:%[]").find(c) != std::string_view::npos;
+    return std::isalnum(c) != 0 || std::string_view(".-_").find(c) != std::string_view::npos;
   });
   return is_host ? Status() : not_allowed;
 }

@@ -30,9 +30,10 @@ class ClientDoor {
   static Result<ClientDoor> Connect(const std::string& name, const Deadline& deadline,
                                     const std::atomic<bool>* cancelled = nullptr);
 
-  // Waits 20 ms at most, for the worker to make space for a message that is longer than the ring;
-  // the rest is sent by later calls of Send and Receive. kUnavailable when too many messages wait.
-  // A message that is sent while the worker is being replaced is lost, as connections() tells.
+  // Waits 20 ms at most for the worker to make space in the ring, which a long message fills by
+  // itself; what is left is sent by later calls of Send and Receive. kUnavailable when too many
+  // messages wait. A message that is sent while the worker is being replaced is lost, as
+  // connections() tells.
   Status Send(Message message);
   // Waits for the next message until the deadline, but at most 20 ms, after which the caller may
   // look at connections().

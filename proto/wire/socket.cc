@@ -187,6 +187,11 @@ void RouterSocket::LingerOnClose(int64_t linger_ms) {
 }
 
 Result<DealerSocket> DealerSocket::Connect(const Context& context, const std::string& address) {
+  if (address.starts_with("tcp://[")) {  // ZeroMQ would take it and never connect
+    return InvalidArgument("endpoint", address,
+                           "tcp://HOST:PORT, where HOST is a name or an IPv4 address, or "
+                           "ipc:///PATH");
+  }
   static std::atomic<uint64_t> monitor_number{0};
   void* socket = zmq_socket(context.handle(), ZMQ_DEALER);
   if (socket == nullptr) return ZmqError("create", "a socket");

@@ -100,6 +100,14 @@ TEST_CASE("a wait ends when it is cancelled, and the session is closed all the s
   cancelled = true;
   // Without it, the answer that never comes is awaited for ten minutes.
   CHECK(connection->Receive(*id).status().code() == StatusCode::kUnavailable);
+  CHECK(connection->in_flight() == 1);  // its id is known, so it may be received later
+  pb::Request unknown;
+  unknown.mutable_hello();
+  CHECK(connection->Call(std::move(unknown), Frame(), Deadline::AfterMs(kPatientMs))
+            .status()
+            .code() == StatusCode::kUnavailable);
+  CHECK(connection->in_flight() == 1);
+  REQUIRE(server.Take().has_value());
   CHECK(connection->CloseSession(Deadline::AfterMs(10)).code() == StatusCode::kDeadlineExceeded);
   const std::optional<FakeCall> close = server.Take();
   REQUIRE(close.has_value());
@@ -120,10 +128,12 @@ TEST_CASE("a request with a string that is not UTF-8 is refused before it is sen
   CHECK(fixture.ReceiveText(id) == "caf\xc3\xa9");
 }
 
-TEST_CASE("an address that is none is refused") {
+TEST_CASE("an address that is none, or that would never be reached, is refused") {
   Context context;
-  CHECK(Connection::Open(context, "carrier-pigeon", "").status().code() ==
-        StatusCode::kInvalidArgument);
+  for (const char* address : {"carrier-pigeon", "tcp://[::1]:7700"}) {
+    CAPTURE(address);
+    CHECK(Connection::Open(context, address, "").status().code() == StatusCode::kInvalidArgument);
+  }
 }
 
 TEST_CASE("requests in flight are bounded") {

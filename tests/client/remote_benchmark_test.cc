@@ -2,6 +2,8 @@
 // catalogue and the agent are real; b4mrl's own Evaluator says which scores are right.
 #include "client/remote_benchmark.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <memory>
@@ -194,6 +196,16 @@ TEST_CASE("The daemon counts what a benchmark's sources and evaluations have ser
   RemoteDataset again = Take(counted.OpenDataset());
   RequireOk(again.Read(0, 5).status());
   CHECK(Take(place.client().ReadLedger(ledger)).dataset_rows == 5);
+}
+
+TEST_CASE("An evaluation has as many episodes as a session can have lanes, and at least one") {
+  Place place;
+  RemoteBenchmark bench = place.Find(kClean);
+  for (const uint32_t episodes : {0u, 1025u}) {
+    const Status refused = bench.Evaluate(StandStill, {.episodes = episodes}).status();
+    CHECK(refused.code() == StatusCode::kInvalidArgument);
+    CHECK(refused.message() == fmt::format("episodes is {}, allowed: 1..1024", episodes));
+  }
 }
 
 TEST_CASE("An error of the policy ends the evaluation") {

@@ -6,7 +6,9 @@
 #include <vector>
 
 #include "client/client.h"
+#include "proto/base/limits.h"
 #include "tests/client/fake_daemon.h"
+#include "tests/resource_limit.h"
 
 namespace b4mrl {
 namespace {
@@ -284,6 +286,28 @@ TEST_CASE("buffers and lists of the wrong length are refused before anything is 
           StatusCode::kInvalidArgument);
   }
   CHECK(requests == 0);
+}
+
+// The sanitizers' shadow memory takes more than any limit.
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+TEST_CASE("a query that no server takes is refused before there is memory for it") {
+  FakeDaemon daemon;
+  Session session(daemon);
+  const size_t rows = limits::kMaxPayloadBytes / (kObservationSize + kActionSize) / sizeof(float);
+  const std::vector<float> observations(rows * kObservationSize), actions(rows * kActionSize);
+  const ResourceLimit left(RLIMIT_AS, AddressesInUse() + (32 << 20));
+  const Status refused = session->SendQuery(observations, actions, 0, 0, 0).status();
+  CHECK(refused.code() == StatusCode::kInvalidArgument);
+  CHECK(refused.message().starts_with("bytes of the arrays is "));
+}
+#endif
+
+TEST_CASE("an observation type that was not set is float32") {
+  FakeDaemon daemon;
+  Session session(daemon, {.num_envs = 1, .observation_dtype = DType::kUnspecified});
+  const Result<StepOutcome> outcome = session->Reset();
+  REQUIRE(outcome.ok());
+  CHECK(FirstColumn(*outcome) == std::vector<float>{1});
 }
 
 TEST_CASE("a session without lanes refuses to step, restore and snapshot") {

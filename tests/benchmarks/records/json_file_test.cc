@@ -29,6 +29,19 @@ TEST_CASE("A text that may take more memory than there is is refused before it i
   RequireOk(ParseJsonObject(many, "many.json").status());
 }
 
+TEST_CASE(
+    "An object with more entries than a reader can look through is refused before it is read") {
+  const auto with = [](int entries) {
+    std::string text = "{\"a:{\\\"\": 1";
+    for (int i = 1; i < entries; ++i) text += ", \"" + std::to_string(i) + "\": {\"b\": [1]}";
+    return text + "}";
+  };
+  RequireOk(ParseJsonObject(with(1'000), "most.json").status());
+  const Status refused = ParseJsonObject(with(1'001), "many.json").status();
+  CHECK(refused.code() == StatusCode::kLimitExceeded);
+  CHECK(refused.message() == "many.json has an object with more than 1000 entries");
+}
+
 }  // namespace
 }  // namespace b4mrl
 #endif

@@ -136,6 +136,13 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/corruption", "hidden=3", "cell is "));
   CHECK(says("/algorithm", "mine", "no algorithm of b4mrl"));
   CHECK(says("/dataset/columns_sha256", "00", "other rows than the published"));
+  CHECK(says("/dataset/name", "HalfCheetah/medium",
+             "dataset.name is 'HalfCheetah/medium', must be 'HalfCheetah/medium-v0'"));
+  CHECK(says("/dataset/rows", 5'000'000,
+             "dataset.rows is 5000000, allowed: at most the 1000000 of HalfCheetah/medium-v0"));
+  CHECK(says("/scorings/served", Json::object(), "scorings has 'served', which such a run does"));
+  CHECK(says("/scorings", "none", "scorings must be an object"));
+  CHECK(says("/source", "a\nsound b\x1b[2J\xc2\x9b", "source is 'a?sound b?[2J?\?', allowed: "));
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/mediu", "is in no suite"));
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/medium-expert", "fills no cell of benchmark"));
   CHECK(says("/suite", "v9", "suite is 'v9'"));
@@ -155,6 +162,35 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/curve/3/4", 99, "the score after 8000 updates is not that of its return"));
   CHECK(says("/curve/3/3", -1, "the standard deviation after 8000 updates is -1"));
   CHECK(says("/curve/49/3", 1e6, "the last standard deviation is 1000000"));
+}
+
+TEST_CASE("A further score that does not fit its returns, or its run, is named") {
+  const auto says = [](const std::string& key, const Json& value, const std::string& words) {
+    CHECK_THAT(
+        FaultsOf("HalfCheetah-iql-medium+hidden-high-s0-", {{"/scorings/full" + key, value}}),
+        Catch::Contains("scorings.full." + words));
+  };
+  says("/score", 999, "score is 999, which is not that of the returns");
+  says("/score", Json(), "score is null");
+  says("/return", 1, "return is 1, the returns make it ");
+  says("/returns", Json::array(), "returns must be a list of numbers");
+  says("/observe", "trained", "observe is 'trained', must be 'full'");
+  says("/simulator", "gravity", "simulator is 'gravity', must be ''");
+  says("/simulator", "gravity=x", "simulator is 'gravity=x'");
+}
+
+TEST_CASE("A learner's name that the runner would refuse is refused in results, too") {
+  for (const char* name : {"iql ", "mine_too", "", "m\xc3\xa4in"}) {
+    CAPTURE(name);
+    CHECK_THAT(FaultsOf("HalfCheetah-iql-medium-s0-", {{"/algorithm", name}, {"/source", "user"}}),
+               Catch::Contains("', allowed: 1 to 40 letters, digits and dashes"));
+  }
+}
+
+TEST_CASE("A benchmark that is named a thousand times is one fault") {
+  const Json copies(1'000, "HalfCheetah/clean/medium");
+  const std::string faults = FaultsOf("HalfCheetah-iql-medium-s0-", {{"/benchmarks", copies}});
+  CHECK(std::ranges::count(faults, '\n') == 2);  // and the count of sound results
 }
 
 TEST_CASE("A user's suite may name versions of datasets, and share runs with the project's") {

@@ -106,7 +106,7 @@ TEST_CASE("The queue and the array size are asked of Slurm's programs") {
   unsetenv("SQUEUE_PARTITION");
   programs("echo 'MaxArraySize = none'", "exit 1");
   CHECK(MaxArraySize().status().code() == StatusCode::kDataLoss);
-  CHECK(QueuedIndices(folder.path(), 1, 500).status().code() == StatusCode::kUnavailable);
+  CHECK(QueuedIndices(folder.path(), 1, 500).status().code() == StatusCode::kInternal);
   setenv("PATH", path.c_str(), 1);
 }
 
@@ -156,9 +156,10 @@ TEST_CASE("What cannot stand in a batch script is refused") {
   SlurmJob job = {.folder = "a%b"};
   CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);
   job.folder = "suite";
-  for (const char* option : {"partition=long", "", "--comment=a\nrm -r x", "--job-name=mine",
-                             "-J x", "--array=0-9", "-a1", "--no-requeue", "--signal=TERM@9",
-                             "--clusters=c2", "-M c2", "--job-name mine", "--arr=0-9"}) {
+  for (const char* option :
+       {"partition=long", "", "--comment=a\nrm -r x", "--job-name=mine", "-J x", "--array=0-9",
+        "-a1", "--no-requeue", "--signal=TERM@9", "--clusters=c2", "-M c2", "--job-name mine",
+        "--arr=0-9", "--wait", "-W"}) {
     CAPTURE(option);
     job.sbatch_options = {option};
     CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);

@@ -36,6 +36,29 @@ TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with th
   CHECK(says_beside_learner({"--until-settled", "1"}, "--until-settled is 1"));
 }
 
+TEST_CASE("The jobs of one submission share the number of tasks at a time") {
+  const Suite suite("bc = 20, td3-bc = 20");
+  const auto shares = [&](const std::string& tasks) {
+    Words words = suite.Command({"--seeds", "0..599", "--dry-run", "--array-parallelism", tasks});
+    words[1] = "slurm";
+    words[2] = "HalfCheetah/clean/medium";
+    const Outcome outcome = Run(words);
+    INFO(outcome.err);
+    CHECK(outcome.exit_code == 0);
+    CHECK((outcome.err.find("2 tasks at a time instead of 1") != std::string::npos) ==
+          (tasks == "1"));
+    std::string found;
+    for (const char* script : {"/slurm.sh", "/slurm+1001.sh"}) {
+      const std::string text = ReadBytes(suite.Out() + script);
+      const size_t sign = text.find('%', text.find("--array="));
+      found += text.substr(sign, text.find('\n', sign) - sign);
+    }
+    return found;
+  };
+  CHECK(shares("5") == "%3%2");
+  CHECK(shares("1") == "%1%1");
+}
+
 TEST_CASE("A perturbation that a suite misspells is found before anything is trained") {
   const TemporaryFolder suites;
   WriteBytes(suites.File("bad.toml"),

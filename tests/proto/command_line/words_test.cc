@@ -22,14 +22,14 @@ TEST_CASE("A number is accepted with its bounds, and no word or NaN is one") {
 }
 
 TEST_CASE("An address is one to which a client can connect") {
-  for (const char* text : {"tcp://127.0.0.1:7700", "tcp://host.example-1:1", "tcp://[::1]:65535",
+  for (const char* text : {"tcp://127.0.0.1:7700", "tcp://host.example-1:65535",
                            "ipc:///run/b4mrl.sock", "ipc://socket"}) {
     CAPTURE(text);
     CHECK(CheckAddress(text).ok());
   }
-  for (const char* text :
-       {"", "foo", "127.0.0.1:7811", "tcp://host", "tcp://host:0", "tcp://*:7700",
-        "tcp://a host:7700", "tcp://host:65536", "udp://host:1", "ipc://"}) {
+  for (const char* text : {"", "foo", "127.0.0.1:7811", "tcp://host", "tcp://host:0",
+                           "tcp://*:7700", "tcp://a host:7700", "tcp://[::1]:7700",
+                           "tcp://::1:7700", "tcp://host:65536", "udp://host:1", "ipc://"}) {
     CAPTURE(text);
     const Status refused = CheckAddress(text);
     CHECK(refused.code() == StatusCode::kInvalidArgument);

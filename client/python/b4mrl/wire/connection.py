@@ -6,15 +6,14 @@ passed. It sends the request again, with the same id and contents and the time t
 - after a reconnection: the process may be a replacement, which has none of the old one's requests.
   At the first reconnection, a request gets at least an eighth of its deadline, since the caller may
   not have read replies for a while;
-- when no reply to any request has come for an eighth of the request's deadline.
+- when no reply to it, or to one that was sent before it, has come for an eighth of its deadline.
 
 Where nobody listens on the daemon's machine, it has ended or was never started
 (b4mrl.wire.listening). Requests are then given up after ten seconds, long enough to start the
 daemon again, if their own deadlines are not shorter.
 
-The daemon executes a numbered step once, however often it arrives. The connection drops replies
-that come twice, or after their request was given up.
-
+The daemon executes a numbered step once, however often it arrives. Replies that come twice, or after
+their request was given up, are dropped.
 Thread rule: one thread at a time; a second one gets FailedPreconditionError while the first is in a
 call. One thread may send and another one receive later. In a forked child, calls raise
 FailedPreconditionError, too.
@@ -36,7 +35,7 @@ from google.protobuf.message import DecodeError
 
 from b4mrl import errors
 from b4mrl.wire import limits, sockets
-from b4mrl.wire.deliveries import Delivery, Pending, no_reply, read_reply
+from b4mrl.wire.deliveries import Delivery, Pending, no_reply, read_reply, tell_later_ones
 from b4mrl.wire.heads import Heads
 from b4mrl.wire.link import Link, Message
 from b4mrl.wire.listening import Listening
@@ -84,7 +83,7 @@ class Connection:
         self._heads = Heads(token)
         self._next_id = 1
         self._handshakes = 0
-        self._last_reply = 0.0
+        self._looked = 0.0  # when _resend was last called
         self._pending: dict[int, Pending] = {}
         self._arrived: dict[int, Delivery] = {}
         self._tables = Tables()
@@ -309,13 +308,15 @@ class Connection:
         return is_sent
 
     def _pump(self) -> None:
-        """Waits for one message and accepts it, or resends and gives up requests that are due."""
+        """Waits for one message and accepts it; resends and gives up requests that are due."""
         message = self._read()
-        if message is None:
+        is_answer = message is not None and self._accept(message)
+        # Where messages keep coming, no wait is empty.
+        if message is None or time.monotonic() - self._looked >= 0.02:
             self._resend()
         # No request expires while the queue may still hold its reply: only when the queue is empty,
         # or held a message that answers no request.
-        if message is None or not self._accept(message):
+        if not is_answer:
             self._expire()
 
     def _read(self) -> Message | None:
@@ -338,7 +339,7 @@ class Connection:
         for pending in self._pending.values():
             wake = min(wake, pending.deadline)
             if self._handshakes:  # before the first one, nothing is sent again
-                wake = min(wake, pending.resend_time(self._last_reply))
+                wake = min(wake, pending.resend_time)
         return wake
 
     def _end(self, pending: Pending) -> float:
@@ -355,7 +356,7 @@ class Connection:
         pending = self._pending.pop(delivery.request_id, None)
         if pending is None:
             return False
-        self._last_reply = time.monotonic()
+        tell_later_ones(self._pending, delivery.request_id)
         error = delivery.error
         if error is not None and error.recoverable and pending.resent:
             # The daemon refused one copy of the request; another copy may still be executed.
@@ -365,16 +366,16 @@ class Connection:
 
     def _resend(self) -> None:
         handshakes, now = self.handshakes, time.monotonic()
+        self._looked = now
         if any(pending.asked + _QUIET_SECONDS < now for pending in self._pending.values()):
             self._listening.look(now)
         if handshakes == 0:
             return  # all requests are still queued for the first connection
         for request_id, pending in self._pending.items():
             is_reconnected = pending.connection < handshakes
-            if is_reconnected and not pending.renewed:
-                pending.renewed = True
-                pending.deadline = max(pending.deadline, now + pending.patience)
-            if is_reconnected or pending.resend_time(self._last_reply) <= now:
+            if is_reconnected:
+                pending.renew(now)
+            if is_reconnected or pending.resend_time <= now:
                 pending.resent = True
                 # With a full queue, the request is sent again later, or given up in the end.
                 self._transmit(request_id, pending)
@@ -386,9 +387,8 @@ class Connection:
         for request_id in due:
             pending = self._pending[request_id]
             error = no_reply(pending, self.address, self.handshakes > 0, is_refused)
-            self._arrived[request_id] = Delivery(
-                request_id, error=error, executed=None, unsettled=pending
-            )
+            delivery = Delivery(request_id, error=error, executed=None, unsettled=pending)
+            self._arrived[request_id] = delivery
             del self._pending[request_id]
 
 

@@ -12,7 +12,8 @@ from b4mrl.wire.link import Message
 from b4mrl.wire.messages import Request
 from b4mrl.wire.tables import Table, Tables
 
-_PATIENCE_FRACTION = 8  # a request is sent again after 1/8 of its deadline without any reply
+# A request is sent again when 1/8 of its deadline has passed without a reply to it or an earlier one.
+_PATIENCE_FRACTION = 8
 
 
 @dataclass(slots=True)
@@ -53,9 +54,10 @@ class Pending:
     deadline_ms: float = 0.0  # as the caller gave it
     deadline: float = 0.0
     asked: float = 0.0  # time at which the deadline was set
-    patience: float = 0.0  # seconds without any reply after which the request is sent again
+    patience: float = 0.0  # seconds without such a reply after which the request is sent again
     connection: int = 0  # number of the connection over which it was last sent, from 1
     sent: float = 0.0  # time of the last sending; 0: send at once
+    heard: float = 0.0  # time of the last reply to a request that was sent before this one
     resent: bool = False  # it was sent more than once
     renewed: bool = False  # its deadline was extended after a reconnection
 
@@ -67,9 +69,28 @@ class Pending:
         self.patience = seconds / _PATIENCE_FRACTION
         self.renewed = False
 
-    def resend_time(self, last_reply: float) -> float:
-        """The time at which it is sent again; `last_reply` is that of the latest reply to any."""
-        return max(self.sent, last_reply) + self.patience if self.sent else 0
+    def renew(self, now: float) -> None:
+        """Gives it time for an answer after the first reconnection, if little is left."""
+        if not self.renewed:
+            self.renewed = True
+            self.deadline = max(self.deadline, now + self.patience)
+
+    @property
+    def resend_time(self) -> float:
+        """The time at which it is sent again."""
+        return max(self.sent, self.heard) + self.patience if self.sent else 0
+
+
+def tell_later_ones(pending: dict[int, Pending], request_id: int) -> None:
+    """Notes, for the requests that were sent after `request_id`, that its reply has come.
+
+    Replies to later ones do not show that the server has a request.
+    """
+    if pending:
+        now = time.monotonic()
+        for other, entry in pending.items():
+            if other > request_id:
+                entry.heard = now
 
 
 def no_reply(
