@@ -215,7 +215,8 @@ void Connection::Pump() {
   std::optional<Message> message = link_.Receive(NextWake());
   const bool is_answer = message && Accept(std::move(*message));
   // Where messages keep coming, no wait is empty.
-  if (!message || Clock::now() - looked_ >= std::chrono::milliseconds(kLookMs)) Resend();
+  const Clock::time_point now = is_answer ? last_reply_ : Clock::now();
+  if (!message || now - looked_ >= std::chrono::milliseconds(kLookMs)) Resend();
   // No request expires while the queue may still hold its reply: only when the queue is empty, or
   // held a message that answers no request.
   if (!is_answer) ExpirePending();
