@@ -38,7 +38,7 @@ bool CanHave(size_t bytes) {
 // than kMaxDepth.
 bool HasManyEntries(std::string_view text) {
   std::array<size_t, kMaxDepth + 1> entries{};  // of the objects around a place
-  size_t depth = 0;
+  int depth = 0;
   bool in_string = false;
   for (size_t i = 0; i < text.size(); ++i) {
     const char c = text[i];
@@ -47,6 +47,7 @@ bool HasManyEntries(std::string_view text) {
     } else if (c == '"') {
       in_string = !in_string;
     } else if (!in_string && (c == '[' || c == '{')) {
+      if (depth == kMaxDepth) return false;  // no JSON: more is closed before than was open
       entries[++depth] = 0;
     } else if (!in_string && (c == ']' || c == '}') && depth > 0) {
       --depth;

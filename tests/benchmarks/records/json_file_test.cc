@@ -40,6 +40,8 @@ TEST_CASE(
   const Status refused = ParseJsonObject(with(1'001), "many.json").status();
   CHECK(refused.code() == StatusCode::kLimitExceeded);
   CHECK(refused.message() == "many.json has an object with more than 1000 entries");
+  const std::string no_json = std::string(1'000, ']') + std::string(900, '[') + "{\"a\":";
+  CHECK(ParseJsonObject(no_json, "none.json").status().code() == StatusCode::kDataLoss);
 }
 
 }  // namespace
