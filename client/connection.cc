@@ -32,6 +32,13 @@ Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
   return {id, Delivery::Kind::kReply, std::move(reply)};
 }
 
+// A daemon would end the connection each time that a longer payload is sent.
+Status CheckPayloadBytes(uint64_t bytes) {
+  if (bytes <= limits::kMaxPayloadBytes) return Status();
+  return InvalidNumber("bytes of the arrays", static_cast<double>(bytes),
+                       fmt::format("at most {}", limits::kMaxPayloadBytes));
+}
+
 // Protocol Buffers writes strings that are not UTF-8, but reads none. The strings of the frequent
 // requests are the client's own, so these are not read for it.
 Status CheckStrings(const pb::Request& request) {
@@ -44,10 +51,9 @@ Status CheckStrings(const pb::Request& request) {
 
 }  // namespace
 
-Status CheckPayloadBytes(uint64_t bytes) {
-  if (bytes <= limits::kMaxPayloadBytes) return Status();
-  return InvalidNumber("bytes of the arrays", static_cast<double>(bytes),
-                       fmt::format("at most {}", limits::kMaxPayloadBytes));
+Result<Frame> AllocatePayload(const ArrayLayout& layout) {
+  B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(layout.payload_bytes()));
+  return layout.Allocate();
 }
 
 Status NotUnderstood(const Status& error) {

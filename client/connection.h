@@ -35,9 +35,9 @@
 
 namespace b4mrl {
 
-// kInvalidArgument for arrays of a request that are larger than a server accepts, which ends the
-// connection each time that they are sent. Asked before memory is taken for them.
-Status CheckPayloadBytes(uint64_t bytes);
+// Memory for the arrays of a request. kInvalidArgument for more than a server accepts, before it is
+// taken.
+Result<Frame> AllocatePayload(const ArrayLayout& layout);
 
 // The error of a reply that says OK and cannot be understood. Its request was executed, so this is
 // kInternal whatever `error` is, which would read as a refusal that has changed nothing.

@@ -35,8 +35,7 @@ class RemoteEnvironment::NumberedRequest {
   // Sends the request and marks its lanes as busy; returns the request's id.
   Result<uint64_t> Send() {
     const size_t count = session_.numbers_.CountOf(lanes_);
-    B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(layout_.payload_bytes()));
-    Frame payload = layout_.Allocate();
+    B4MRL_ASSIGN_OR_RETURN(Frame payload, AllocatePayload(layout_));
     B4MRL_RETURN_IF_ERROR(
         session_.numbers_.Begin(lanes_, ArrayAt<uint64_t>(payload, numbers_offset_, count)));
     for (const Part& part : parts_) {

@@ -71,8 +71,7 @@ Result<uint64_t> RemoteEnvironment::SendRows(std::span<const Scalar> observation
       layout.Add("observations", DTypeOf<Scalar>(), {rows, spec_.observation.size()});
   const size_t actions_offset =
       layout.Add("actions", DTypeOf<Scalar>(), {rows, spec_.action.size()});
-  B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(layout.payload_bytes()));
-  Frame payload = layout.Allocate();
+  B4MRL_ASSIGN_OR_RETURN(Frame payload, AllocatePayload(layout));
   std::ranges::copy(observations,
                     ArrayAt<Scalar>(payload, observations_offset, observations.size()).begin());
   std::ranges::copy(actions, ArrayAt<Scalar>(payload, actions_offset, actions.size()).begin());

@@ -24,8 +24,7 @@ Result<Frame> AddLanes(std::span<const uint32_t> lanes, pb::Request& request) {
   if (lanes.empty()) return Frame();
   ArrayLayout layout(request.mutable_arrays());
   const size_t offset = layout.Add("lanes", DType::kUint32, {lanes.size()});
-  B4MRL_RETURN_IF_ERROR(CheckPayloadBytes(layout.payload_bytes()));
-  Frame payload = layout.Allocate();
+  B4MRL_ASSIGN_OR_RETURN(Frame payload, AllocatePayload(layout));
   std::ranges::copy(lanes, ArrayAt<uint32_t>(payload, offset, lanes.size()).begin());
   return payload;
 }

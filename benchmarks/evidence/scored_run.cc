@@ -9,7 +9,7 @@
 #include <string_view>
 #include <utility>
 
-#include "algorithms/datasets/dataset_recipes.h"
+#include "benchmarks/records/check.h"
 #include "benchmarks/records/json_file.h"
 
 namespace b4mrl {
@@ -95,10 +95,8 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
   run.series = {TextOf(json, "algorithm"), TextOf(json, "recipe")};
   run.seed = CountOf(json, "seed").value_or(0);
   run.simulator = TextOf(json, "simulator");
-  run.dataset = ShortName(TextOf(EntryOf(json, "dataset"), "name"));
-  for (const Json& name : EntryOf(json, "benchmarks")) {
-    if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
-  }
+  run.dataset = DatasetName(json);
+  run.benchmarks = TextsOf(json, "benchmarks");
   ReadOrigin(json, &run);
   auto curve = ReadCurve(EntryOf(json, "curve"));
   if (run.id.empty() || TextOf(json, "cell").empty() || run.series.algorithm.empty() || !curve) {

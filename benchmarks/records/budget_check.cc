@@ -21,10 +21,9 @@ std::optional<PlannedRun> PlannedBy(Budget budget, const Json& result,
   const PlanChoice choice = {.algorithms = {TextOf(result, "algorithm")},
                              .seeds = {CountOf(result, "seed").value_or(0)}};
   std::set<std::string> tried;  // a file may name one as often as it likes
-  for (const Json& name : EntryOf(result, "benchmarks")) {
-    const std::string text = name.is_string() ? name.get<std::string>() : "";
-    const auto found = std::ranges::find(sources.benchmarks, text, &Benchmark::name);
-    if (found == sources.benchmarks.end() || !tried.insert(text).second) continue;
+  for (const std::string& name : TextsOf(result, "benchmarks")) {
+    const auto found = std::ranges::find(sources.benchmarks, name, &Benchmark::name);
+    if (found == sources.benchmarks.end() || !tried.insert(name).second) continue;
     std::vector<Benchmark> benchmark = {*found};
     // D4RL's dataset of the same level may stand for the benchmark's.
     benchmark.front().dataset = DatasetName(result);

@@ -241,9 +241,7 @@ Result<PlannedRun> Checker::Described() const {
   run.precision = TextOf(result_, "precision");
   run.seed = CountOf(result_, "seed").value_or(0);
   run.dataset = DatasetName(result_);
-  for (const Json& name : EntryOf(result_, "benchmarks")) {
-    if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
-  }
+  run.benchmarks = TextsOf(result_, "benchmarks");
   if (IsUsers()) return run;
   const Algorithm* algorithm = FindKnownAlgorithm();
   if (algorithm == nullptr) {

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <sys/mman.h>
 
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <system_error>
@@ -34,30 +33,6 @@ bool CanHave(size_t bytes) {
   return true;
 }
 
-// Whether an object has more than kMaxEntries, as far as its colons tell. `text` nests no deeper
-// than kMaxDepth.
-bool HasManyEntries(std::string_view text) {
-  std::array<size_t, kMaxDepth + 1> entries{};  // of the objects around a place
-  int depth = 0;
-  bool in_string = false;
-  for (size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string && c == '\\') {
-      ++i;  // the escaped character
-    } else if (c == '"') {
-      in_string = !in_string;
-    } else if (!in_string && (c == '[' || c == '{')) {
-      if (depth == kMaxDepth) return false;  // no JSON: more is closed before than was open
-      entries[++depth] = 0;
-    } else if (!in_string && (c == ']' || c == '}') && depth > 0) {
-      --depth;
-    } else if (!in_string && c == ':' && ++entries[depth] > kMaxEntries) {
-      return true;
-    }
-  }
-  return false;
-}
-
 // The word of the first number that is not finite, as Python's json.dump writes it; "": none.
 std::string_view InfiniteNumber(std::string_view text) {
   bool in_string = false;
@@ -85,7 +60,7 @@ Result<Json> ParseJsonObject(std::string_view text, std::string_view name) {
                   fmt::format("not enough memory to read {}: its {} bytes may take {} MiB", name,
                               text.size(), (bytes >> 20) + 1));
   }
-  if (!NestsDeeper(text, kMaxDepth) && HasManyEntries(text)) {
+  if (HasLargerObject(text, kMaxEntries)) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("{} has an object with more than {} entries", name, kMaxEntries));
   }
@@ -135,6 +110,14 @@ std::optional<uint64_t> CountOf(const Json& object, std::string_view key) {
 bool IsTrue(const Json& object, std::string_view key) {
   const Json& entry = EntryOf(object, key);
   return entry.is_boolean() && entry.get<bool>();
+}
+
+std::vector<std::string> TextsOf(const Json& object, std::string_view key) {
+  std::vector<std::string> texts;
+  for (const Json& each : EntryOf(object, key)) {
+    if (each.is_string()) texts.push_back(each.get<std::string>());
+  }
+  return texts;
 }
 
 std::optional<std::vector<double>> NumbersOf(const Json& object, std::string_view key) {

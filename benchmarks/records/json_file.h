@@ -36,6 +36,8 @@ std::string TextOf(const nlohmann::ordered_json& object, std::string_view key);
 std::optional<double> NumberOf(const nlohmann::ordered_json& object, std::string_view key);
 std::optional<uint64_t> CountOf(const nlohmann::ordered_json& object, std::string_view key);
 bool IsTrue(const nlohmann::ordered_json& object, std::string_view key);
+// The texts of a list; other entries are passed over.
+std::vector<std::string> TextsOf(const nlohmann::ordered_json& object, std::string_view key);
 // The finite numbers of a list; nothing if it is no list or has other entries.
 std::optional<std::vector<double>> NumbersOf(const nlohmann::ordered_json& object,
                                              std::string_view key);

@@ -72,9 +72,7 @@ std::set<std::string> KnownBenchmarks(const Json& result, const std::string& fil
   std::set<std::string> known;
   size_t unknown = 0;
   std::string first;
-  for (const Json& name : EntryOf(result, "benchmarks")) {
-    if (!name.is_string()) continue;
-    const auto text = name.get<std::string>();
+  for (const std::string& text : TextsOf(result, "benchmarks")) {
     if (names.contains(text)) {
       known.insert(text);
     } else if (unknown++ == 0) {

@@ -26,6 +26,18 @@ TEST_CASE("brackets within texts count for nothing, also behind escaped quotatio
   CHECK_FALSE(NestsDeeper(R"(["\)", 1));  // the text ends behind the escape
 }
 
+TEST_CASE("entries of one object are counted, but not those of others or within texts") {
+  CHECK_FALSE(HasLargerObject("", 0));
+  CHECK_FALSE(HasLargerObject("[1, {}]", 0));
+  CHECK(HasLargerObject(R"({"a": 1})", 0));
+  CHECK_FALSE(HasLargerObject(R"({"a": {"b": 1}, "c": [{"d": 1}, {"e": 1}]})", 2));
+  CHECK(HasLargerObject(R"({"a": {"b": 1, "c": 2}, "d": 3})", 1));
+  CHECK(HasLargerObject(R"({"a": {"b": 1}, "c": 2, "d": 3})", 2));
+  CHECK_FALSE(HasLargerObject(R"({"a:\"::": ":::"})", 1));
+  CHECK_FALSE(HasLargerObject("]]]]{[[{", 0));
+  CHECK(HasLargerObject("}}:", 0));
+}
+
 TEST_CASE("JSON is parsed up to the allowed depth, and discarded beyond it") {
   CHECK(ParseShallow<Json>(R"({"a": [1, {"b": 2}]})", 3)["a"][1]["b"] == 2);
   CHECK(ParseShallow<Json>(R"({"a": [1, {"b": 2}]})", 2).is_discarded());
