@@ -12,8 +12,9 @@ constexpr auto kAgent = RecipeKind::kAgent;
 constexpr auto kReplay = RecipeKind::kReplay;
 constexpr auto kConcatenation = RecipeKind::kConcatenation;
 
-// Seeds differ between the levels of an environment, so that their episodes start differently; a
-// concatenation begins with the rows of medium and goes on with those of expert.
+// Seeds differ between the levels of an environment, so that their episodes start differently, but
+// for expert and late-expert; a concatenation begins with the rows of medium and goes on with those
+// of an expert.
 constexpr DatasetRecipe kRecipes[] = {
     {"HalfCheetah/random", 0, kUniform, "", "", "", 1'000'000, 2},
     {"HalfCheetah/medium", 0, kAgent, "halfcheetah-medium"},
