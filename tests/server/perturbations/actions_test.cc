@@ -103,6 +103,12 @@ TEST_CASE("Action noise is independent over components, steps, episodes, lanes a
   check(seen);
 }
 
+TEST_CASE("Action noise of a seed is what it was when the committed results were trained with it") {
+  const auto noise = ActionOf(Make("action-noise=1"), {kEpisode, 1, 2, 3});
+  CHECK(noise[0] == Approx(0).epsilon(1e-12));
+  CHECK(noise[5] == Approx(0).epsilon(1e-12));
+}
+
 TEST_CASE("Two levels of action noise scale the same normals") {
   const DrawContext context = {kEpisode, 3, 1, 12};
   const auto low = ActionOf(Make("action-noise=0.2"), context);

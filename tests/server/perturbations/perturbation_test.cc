@@ -93,6 +93,16 @@ TEST_CASE("Noise is independent over dimensions, steps, episodes, lanes and kind
   check(Column(set, {DrawContext::Kind::kEpisode, 1, 1, 0}, 4));  // the next episode
 }
 
+TEST_CASE("Noise of a seed is what it was when the committed results were trained with it") {
+  const PerturbationSet set = Make("obs-noise=1");
+  const auto first_of = [&](DrawContext::Kind kind) { return NoiseOf(set, {kind, 1, 2, 3})[0]; };
+  CHECK(first_of(DrawContext::Kind::kEpisode) == Approx(0).epsilon(1e-12));
+  CHECK(first_of(DrawContext::Kind::kQuery) == Approx(0).epsilon(1e-12));
+  CHECK(first_of(DrawContext::Kind::kDataset) == Approx(0).epsilon(1e-12));
+  CHECK(first_of(DrawContext::Kind::kDatasetLastRow) == Approx(0).epsilon(1e-12));
+  CHECK(NoiseOf(set, {DrawContext::Kind::kEpisode, 1, 2, 3})[16] == Approx(0).epsilon(1e-12));
+}
+
 TEST_CASE("Two levels scale the same noise") {
   const DrawContext context = {DrawContext::Kind::kDataset, 3, 0, 12};
   const auto low = NoiseOf(Make("obs-noise-low"), context);
