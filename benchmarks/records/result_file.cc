@@ -265,6 +265,19 @@ Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_fol
   return updates;
 }
 
+Status NameAllBenchmarks(const PlannedRun& run, const std::string& results_folder) {
+  const std::string path = ResultPath(results_folder, run);
+  B4MRL_ASSIGN_OR_RETURN(Json json, ReadJsonObject(path));
+  std::vector<std::string> names = TextsOf(json, "benchmarks");
+  const size_t named = names.size();
+  for (const std::string& name : run.all_benchmarks) {
+    if (std::ranges::find(names, name) == names.end()) names.push_back(name);
+  }
+  if (names.size() == named) return Status();
+  json["benchmarks"] = names;
+  return WriteSmallFile(path, LinesOf(json));
+}
+
 bool RunResult::IsDone(const PlannedRun& run, uint64_t target) const {
   return finished && (run.is_users() ? planned_updates : updates) >= target;
 }

@@ -90,6 +90,10 @@ Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_fol
                                const std::optional<UsedDataset>& dataset,
                                const ResultOrigin& origin, const std::string& results_folder);
 
+// Adds to a run's result the benchmarks whose cells it fills and that it does not name yet: those
+// of suites that have grown, or are new. Errors as above.
+Status NameAllBenchmarks(const PlannedRun& run, const std::string& results_folder);
+
 // The updates of the last evaluation of a run of `b4mrl train` in this folder; 0: there is none.
 // Errors as above.
 Result<uint64_t> EvaluatedUpdates(const std::string& run_folder);

@@ -21,11 +21,8 @@
 #include "data/files/make_folder.h"
 
 namespace b4mrl {
-namespace {
 
 namespace fs = std::filesystem;
-
-}  // namespace
 
 Runner::Runner(const RunnerOptions& options, const Budget& budget,
                const std::vector<PlannedRun>& plan, Client& client)
@@ -138,6 +135,8 @@ Result<bool> Runner::TryToBegin(size_t number) {
   task.target = UpdatesToTrain(run, result, options_.until_settled);
   if (result) task.updates = result->updates;
   if (result && result->IsDone(run, task.target)) {
+    const Status named = NameAllBenchmarks(run, options_.results);
+    if (!named.ok()) Say(named.message());
     for (const auto& line : DoneOtherwise(run, *result, task.folder, options_.results)) Say(line);
     // Where the result's agent is not left, the result stays as it is.
     if (HoldsAgentOf(*result, task.folder)) {

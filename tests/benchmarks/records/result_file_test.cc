@@ -40,6 +40,11 @@ class Folders {
                R"({"state": ")" + state + R"(", "updates": 500, "returns": [1, 2]})");
   }
   void AskFor(uint64_t updates) { planned_.updates = updates; }
+  // Names the benchmarks of a plan whose run fills these cells.
+  Status Name(const std::vector<std::string>& benchmarks) {
+    planned_.all_benchmarks = benchmarks;
+    return NameAllBenchmarks(planned_, results());
+  }
   void Progress(const std::string& rows) { WriteBytes(run() + "/progress.csv", kHeader + rows); }
   Status Write(const std::optional<UsedDataset>& dataset = {}) {
     return WriteResultOf(planned_, run(), dataset, {"small", "0a1b2c", planned_.updates}, results())
@@ -160,6 +165,25 @@ TEST_CASE("Tasks without reference returns have no score") {
   CHECK(folders.Written()["score"].is_null());
   CHECK(folders.Written()["return"] == 10);
   CHECK_FALSE(Take(ReadResult(folders.path()))->score.has_value());
+}
+
+TEST_CASE("A result names the benchmarks of suites that have grown, and keeps those it had") {
+  Folders folders;
+  folders.Progress("100,5,0.125,10,1,20.1\n");
+  RequireOk(folders.Write());
+  const std::string before = ReadBytes(folders.path());
+  RequireOk(folders.Name({"HalfCheetah/clean/medium"}));
+  CHECK(ReadBytes(folders.path()) == before);
+  RequireOk(folders.Name({"HalfCheetah/mine/medium", "HalfCheetah/clean/medium"}));
+  auto json = folders.Written();
+  CHECK(json["benchmarks"] ==
+        std::vector<std::string>{"HalfCheetah/clean/medium", "HalfCheetah/mine/medium"});
+  json.erase("benchmarks");
+  auto rest = nlohmann::json::parse(before);
+  rest.erase("benchmarks");
+  CHECK(json == rest);
+  RequireOk(folders.Name({"HalfCheetah/clean/medium"}));
+  CHECK(folders.Written()["benchmarks"].size() == 2);
 }
 
 TEST_CASE("What is no result is refused by name") {
