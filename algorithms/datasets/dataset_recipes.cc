@@ -73,4 +73,8 @@ std::string_view ShortName(std::string_view name) {
   return newest != nullptr && newest->full_name() == name ? plain : name;
 }
 
+bool AreVersionsOfOne(std::string_view one, std::string_view other) {
+  return one != other && WithoutVersion(one) == WithoutVersion(other);
+}
+
 }  // namespace b4mrl

@@ -42,5 +42,7 @@ const DatasetRecipe* FindRecipe(std::string_view name);
 // A dataset's name without its version where that means the same recipe, else as it is. So equal
 // data of recipes have one name, however they were asked for. Part of `name`.
 std::string_view ShortName(std::string_view name);
+// Whether both are versions of one dataset, and not the same, by names that ShortName gave.
+bool AreVersionsOfOne(std::string_view one, std::string_view other);
 
 }  // namespace b4mrl

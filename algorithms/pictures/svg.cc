@@ -119,12 +119,14 @@ void SvgWriter::Text(Point at, std::string_view text, const TextStyle& style) {
 std::string SvgWriter::Finish(double width, double height, std::string_view title,
                               std::string_view description) const {
   const std::string w = Number(width), h = Number(height);
+  const std::string described =
+      description.empty() ? "" : fmt::format("<desc>{}</desc>\n", EscapeXml(description));
   return fmt::format(
       "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"b4mrl-picture\" role=\"img\" "
       "width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\">\n"
-      "<title>{2}</title>\n<desc>{3}</desc>\n{4}"
+      "<title>{2}</title>\n{3}{4}"
       "<rect class=\"paper\" x=\"0\" y=\"0\" width=\"{0}\" height=\"{1}\"/>\n{5}</svg>\n",
-      w, h, EscapeXml(title), EscapeXml(description), StyleSheet(), body_);
+      w, h, EscapeXml(title), described, StyleSheet(), body_);
 }
 
 }  // namespace b4mrl

@@ -41,7 +41,7 @@ class SvgWriter {
   // `at` is the baseline's point at the anchor.
   void Text(Point at, std::string_view text, const TextStyle& style);
 
-  // The document. `title` and `description` are for screen readers.
+  // The document. `title` and `description`, which may be "", are for screen readers.
   std::string Finish(double width, double height, std::string_view title,
                      std::string_view description) const;
 

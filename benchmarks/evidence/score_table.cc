@@ -12,12 +12,12 @@
 #include <tuple>
 #include <utility>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
 #include "benchmarks/records/result_file.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/mean_and_std.h"
-#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {
@@ -52,11 +52,6 @@ uint64_t EqualUpdates(const Cell& cell) {
     }
   }
   return end;
-}
-
-// Whether both are versions of one dataset, and not the same.
-bool AreVersionsOfOne(std::string_view one, std::string_view other) {
-  return one != other && WithoutVersion(one) == WithoutVersion(other);
 }
 
 std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
@@ -104,7 +99,8 @@ uint64_t Cell::MostUpdates() const {
 Result<ScoreTable> ScoreTable::Read(const std::string& folder,
                                     const std::vector<Benchmark>& benchmarks,
                                     const ReadingLimit& limit,
-                                    const std::map<std::string, std::string>& main_recipes) {
+                                    const std::map<std::string, std::string>& main_recipes,
+                                    const PublishedDatasets& published) {
   B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(FolderOfResults(folder), ".json"));
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", folder));
@@ -121,7 +117,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
       table.notes_.push_back(fmt::format("{} was left out: no JSON object can be read", file));
       continue;
     }
-    auto run = ReadScoredRun(*json, limit);
+    auto run = ReadScoredRun(*json, limit, published);
     if (!run.ok()) {
       table.notes_.push_back(fmt::format("{} was left out: {}", file, run.status().message()));
       continue;
@@ -134,7 +130,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   table.SortRuns();
   table.AddCells(benchmarks);
   table.LeaveOutUnfinishedSeeds();
-  table.MarkRunsInCells();
+  table.MarkRunsInCells(benchmarks);
   table.ReadSeedsAtEqualUpdates();
   table.NoteMixedRuns();
   return table;
@@ -158,7 +154,7 @@ void ScoreTable::SortRuns() {
     const Group& group = groups.at(run.cell_key);
     return std::tuple(runs_->size() - group.runs, !group.has_ended, UINT64_MAX - group.updates,
                       UINT64_MAX - group.rows, run.cell_key, run.seed, !run.ended,
-                      UINT64_MAX - run.updates, run.precision);
+                      UINT64_MAX - run.updates, run.precision != "fp32", run.precision);
   });
 }
 
@@ -166,15 +162,17 @@ void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
   std::map<std::string_view, const Benchmark*> known;
   for (const Benchmark& benchmark : benchmarks) known.emplace(benchmark.name, &benchmark);
   std::set<Series> used;
-  std::set<std::string> left_out;
+  std::set<std::string> left_out, of_other_versions;
   for (const ScoredRun& run : *runs_) {
     const std::set<std::string> names(run.benchmarks.begin(), run.benchmarks.end());
     for (const std::string& name : names) {
       const auto benchmark = known.find(name);
       if (benchmark == known.end()) continue;
       if (AreVersionsOfOne(run.dataset, benchmark->second->dataset)) {
-        left_out.insert(fmt::format("{} was left out: its dataset is {}, and {} has {}", run.file,
-                                    run.dataset, name, benchmark->second->dataset));
+        if (of_other_versions.insert(run.file).second) {
+          left_out.insert(fmt::format("{} was left out: its dataset is {}, and {} has {}", run.file,
+                                      run.dataset, name, benchmark->second->dataset));
+        }
         continue;
       }
       Cell& cell = cells_[name][run.series];
@@ -223,13 +221,13 @@ void ScoreTable::LeaveOutUnfinishedSeeds() {
   notes_.insert(notes_.end(), left_out.begin(), left_out.end());
 }
 
-void ScoreTable::MarkRunsInCells() {
+void ScoreTable::MarkRunsInCells(const std::vector<Benchmark>& benchmarks) {
   std::set<const ScoredRun*> in_cells;
   for (const auto& [benchmark, row] : cells_) {
     for (const auto& [series, cell] : row) in_cells.insert(cell.runs.begin(), cell.runs.end());
   }
   std::set<std::string> known;
-  for (const Benchmark* benchmark : benchmarks_) known.insert(benchmark->name);
+  for (const Benchmark& benchmark : benchmarks) known.insert(benchmark.name);
   for (ScoredRun& run : *runs_) {
     run.fills_a_cell = in_cells.contains(&run);
     const auto is_known = [&](const std::string& name) { return known.contains(name); };

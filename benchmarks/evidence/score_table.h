@@ -53,7 +53,8 @@ class ScoreTable {
   static Result<ScoreTable> Read(const std::string& folder,
                                  const std::vector<Benchmark>& benchmarks,
                                  const ReadingLimit& limit,
-                                 const std::map<std::string, std::string>& main_recipes);
+                                 const std::map<std::string, std::string>& main_recipes,
+                                 const PublishedDatasets& published);
 
   // Those with a cell, in the order of the suites.
   const std::vector<const Benchmark*>& benchmarks() const { return benchmarks_; }
@@ -80,7 +81,7 @@ class ScoreTable {
   // on cells no longer point at whole runs alone.
   void ReadSeedsAtEqualUpdates();
   // Sets fills_a_cell, and notes the runs whose benchmarks nobody knows.
-  void MarkRunsInCells();
+  void MarkRunsInCells(const std::vector<Benchmark>& benchmarks);
   void AddCells(const std::vector<Benchmark>& benchmarks);
   void NoteMixedRuns();
 

@@ -58,6 +58,24 @@ void ReadOrigin(const Json& json, ScoredRun* run) {
   run->kernel = fmt::format("{}", fmt::join(kernels, "+"));
 }
 
+// Gives runs that are not to be compared with the others a series of their own.
+void SetApart(const PublishedDatasets& published, ScoredRun* run) {
+  Series& series = run->series;
+  if (run->source == "self-scored" && !series.algorithm.empty()) {
+    series.algorithm += " (self-scored)";
+  }
+  const auto found = published.find(run->dataset_file);
+  std::string data;
+  if (run->dataset_file.starts_with("d4rl/")) {
+    data = "D4RL's data";
+  } else if (found != published.end() && run->columns_sha256 != found->second.columns_sha256) {
+    data = "other rows";
+  }
+  if (data.empty()) return;
+  series.has_other_data = true;
+  series.recipe += (series.recipe.empty() ? "" : ", ") + data;
+}
+
 bool HasScale(const CurvePoint& point) {
   return std::abs(point.mean_return) <= kLargestScore &&
          std::abs(point.score.value_or(0)) <= kLargestScore;
@@ -88,7 +106,8 @@ std::optional<ScoredRun> ScoredRun::At(uint64_t end) const {
   return run;
 }
 
-Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
+Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit,
+                                const PublishedDatasets& published) {
   ScoredRun run;
   run.id = TextOf(json, "id");
   run.cell_key = CellKey(json);
@@ -98,6 +117,7 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
   run.dataset = DatasetName(json);
   run.benchmarks = TextsOf(json, "benchmarks");
   ReadOrigin(json, &run);
+  SetApart(published, &run);
   auto curve = ReadCurve(EntryOf(json, "curve"));
   if (run.id.empty() || TextOf(json, "cell").empty() || run.series.algorithm.empty() || !curve) {
     return Status(StatusCode::kDataLoss, "it is no result of a run");

@@ -10,14 +10,17 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/datasets/published_datasets.h"
 #include "benchmarks/records/curve.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
 
 struct Series {
-  std::string algorithm;  // "hymopo", or the name of a user's own learner
+  std::string algorithm;  // "hymopo", or the name of a user's own learner; "mine (self-scored)"
   std::string recipe;     // "" for algorithms with a single one
+  // It did not learn from the published rows of the benchmark's dataset, which its recipe says.
+  bool has_other_data = false;
   auto operator<=>(const Series&) const = default;
 };
 
@@ -54,8 +57,11 @@ struct ScoredRun {
 // Until which update a run counts; nothing: all of it.
 using ReadingLimit = std::function<std::optional<uint64_t>(const ScoredRun& run)>;
 
-// The run of a result. The error says why the JSON is none that counts.
-Result<ScoredRun> ReadScoredRun(const nlohmann::ordered_json& json, const ReadingLimit& limit);
+// The run of a result. Runs on D4RL's files, and on other rows than those published, are series of
+// their own, "TD3-BC (D4RL's data)", so are scores that their author measured. The error says why
+// the JSON is none that counts.
+Result<ScoredRun> ReadScoredRun(const nlohmann::ordered_json& json, const ReadingLimit& limit,
+                                const PublishedDatasets& published);
 
 // "TD3", "HyMOPO"; a user's own name as it is.
 std::string DisplayName(const std::string& algorithm);

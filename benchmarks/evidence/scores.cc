@@ -207,6 +207,7 @@ CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviatio
   std::map<CellName, const Cell*> cells;
   std::map<std::string, std::set<uint64_t>> updates;  // by algorithm
   for (const Series& each : series) {
+    if (each.has_other_data && table.MainSeries(each.algorithm) != each) continue;
     for (const Benchmark* benchmark : table.benchmarks()) {
       const Cell* cell = table.Find(benchmark->name, each);
       if (cell == nullptr) continue;
@@ -235,7 +236,8 @@ std::set<std::string> OtherRecipes(const ScoreTable& table) {
   std::set<std::string> recipes;
   for (const Series& series : table.series()) {
     const bool is_main = table.MainSeries(series.algorithm) == series;
-    if (!is_main && !series.recipe.empty()) recipes.insert(series.recipe);
+    if (is_main || series.has_other_data || series.recipe.empty()) continue;
+    recipes.insert(series.recipe);
   }
   return recipes;
 }

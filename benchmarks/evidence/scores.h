@@ -95,7 +95,7 @@ class BorrowedDeviations {
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations);
 // Of results, each algorithm by its main series, and by another on a benchmark where that has no
-// cell; where it has a cell of the recipe, by that one.
+// cell; where it has a cell of the recipe, by that one. Runs on other data stand in for no others.
 CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations,
                      const std::string& recipe = "");
 // The names of the recipes that stand for no algorithm.

@@ -111,7 +111,8 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
       "In brackets n and the floor, which change with the cells. By last fifths: the mean score of "
       "a run's last fifth stands for that of its last evaluation. With a recipe: where an "
       "algorithm has run with it, its scores by that stand for the others; they are compared on "
-      "the cells that have settled with both. By the paper: its scores stand for ours of that "
+      "the cells that have settled with both; an effect needs both scores by one recipe, so n can "
+      "differ. By the paper: its scores stand for ours of that "
       "algorithm. All: also cells that have not settled. The paper with another seed: the ceiling "
       "of all its cells.";
   table.columns = {{"Cells"}};

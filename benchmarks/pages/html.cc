@@ -36,7 +36,8 @@ th, td { padding: .25rem .6rem; text-align: left; vertical-align: top; white-spa
 th { border-bottom: 1px solid var(--text); font-weight: 600; vertical-align: bottom;
   white-space: normal; }
 .number { text-align: right; }
-td.words { min-width: 14rem; white-space: normal; }
+.words { min-width: 14rem; white-space: normal; }
+tbody th { border-bottom: 0; font-weight: inherit; vertical-align: top; white-space: nowrap; }
 tbody tr:nth-child(even) { background: var(--band); }
 @media print {
   :root { --text: #000; --faint: #444; --paper: #fff; --rule: #bbb; --band: #f2f2f2; --link: #000; }
@@ -47,7 +48,7 @@ tbody tr:nth-child(even) { background: var(--band); }
   figure.picture { break-inside: avoid; }
   table { font-size: 6.5pt; width: 100%; }
   th, td { padding: .1rem .25rem; }
-  td, td.words { min-width: 0; white-space: normal; }
+  td, tbody th, .words { min-width: 0; white-space: normal; }
   tr, h2 { break-inside: avoid; break-after: auto; }
   h2 { break-after: avoid; }
   nav { display: none; }
@@ -69,8 +70,12 @@ struct HtmlWriter {
     text += "</ul>\n";
   }
   void operator()(const Table& table) {
-    text += fmt::format("<figure id=\"{}\"><figcaption><b>{}</b> {}</figcaption><div><table>\n",
-                        EscapeXml(table.id), EscapeXml(table.title), EscapeXml(table.caption));
+    // Who has no mouse scrolls a box that takes the focus.
+    text += fmt::format(
+        "<figure id=\"{0}\"><figcaption><b id=\"{0}-title\">{1}</b> {2}</figcaption>"
+        "<div tabindex=\"0\" role=\"region\" aria-labelledby=\"{0}-title\">"
+        "<table aria-labelledby=\"{0}-title\">\n",
+        EscapeXml(table.id), EscapeXml(table.title), EscapeXml(table.caption));
     text += "<thead><tr>";
     for (const Column& column : table.columns) {
       text += fmt::format("<th scope=\"col\"{}>{}</th>",
@@ -83,15 +88,18 @@ struct HtmlWriter {
         const char* css_class = table.columns[i].is_number ? " class=\"number\""
                                 : row[i].size() > kWords   ? " class=\"words\""
                                                            : "";
-        text += fmt::format("<td{}>{}</td>", css_class, EscapeXml(row[i]));
+        text += i == 0 ? fmt::format("<th scope=\"row\"{}>{}</th>", css_class, EscapeXml(row[i]))
+                       : fmt::format("<td{}>{}</td>", css_class, EscapeXml(row[i]));
       }
       text += "</tr>\n";
     }
     text += "</tbody></table></div></figure>\n";
   }
   void operator()(const Picture& picture) {
-    text += fmt::format("<figure id=\"{}\" class=\"picture\"><div>\n{}</div></figure>\n",
-                        EscapeXml(picture.id), RenderSvg(picture.figure));
+    text += fmt::format(
+        "<figure id=\"{}\" class=\"picture\"><div tabindex=\"0\" role=\"region\" "
+        "aria-label=\"{}\">\n{}</div></figure>\n",
+        EscapeXml(picture.id), EscapeXml(picture.figure.title), RenderSvg(picture.figure));
   }
   void Add(const std::vector<Block>& blocks) {
     for (const Block& block : blocks) std::visit(*this, block);
@@ -106,10 +114,10 @@ std::string ToHtml(const Document& document) {
   writer.text = fmt::format(
       "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-      "<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n<h1>{}</h1>\n",
+      "<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n<main>\n<h1>{}</h1>\n",
       title, kStyle, title);
   writer.Add(document.opening);
-  writer.text += "<nav><ol>\n";
+  writer.text += "<nav aria-label=\"Sections\"><ol>\n";
   for (size_t i = 0; i < document.sections.size(); ++i) {
     writer.text += fmt::format("<li><a href=\"#{}\">{}</a></li>\n", AnchorOf(i),
                                EscapeXml(document.sections[i].title));
@@ -120,7 +128,7 @@ std::string ToHtml(const Document& document) {
         fmt::format("<h2 id=\"{}\">{}</h2>\n", AnchorOf(i), EscapeXml(document.sections[i].title));
     writer.Add(document.sections[i].blocks);
   }
-  return writer.text + "</body>\n</html>\n";
+  return writer.text + "</main>\n</body>\n</html>\n";
 }
 
 }  // namespace b4mrl

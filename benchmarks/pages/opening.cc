@@ -90,6 +90,16 @@ std::string Lacking(const Evidence& evidence) {
   return fmt::format("{}", fmt::join(lacking, ", "));
 }
 
+// Runs on D4RL's own files; "" if there are none.
+std::string D4rlRunsOf(const Evidence& evidence) {
+  const auto runs = std::ranges::count_if(evidence.table.runs(), [](const ScoredRun& run) {
+    return run.fills_a_cell && run.dataset_file.starts_with("d4rl/");
+  });
+  if (runs == 0) return "";
+  return fmt::format(" Of the runs here {} learned from D4RL's files, and have their own columns.",
+                     runs);
+}
+
 // Ours beside the paper's: seeds, updates and data.
 std::string EffortOf(const Evidence& evidence) {
   if (evidence.ours.empty()) return "Nothing of it has run yet.";
@@ -98,8 +108,8 @@ std::string EffortOf(const Evidence& evidence) {
       "Compare with care. Seeds a cell: ours {}, the paper's 3. Updates: ours {}; the paper does "
       "not say how many it took, most of the authors of its algorithms take 1M. Datasets: the "
       "paper's are D4RL's, this project's are recordings of its own agents at the same levels, "
-      "which data/DATASHEET.md describes; the expert of HalfCheetah's scores 77.{}",
-      SeedsOf(evidence), UpdatesOf(evidence),
+      "which data/DATASHEET.md describes; the expert of HalfCheetah's scores 77.{}{}",
+      SeedsOf(evidence), UpdatesOf(evidence), D4rlRunsOf(evidence),
       lacking.empty() ? "" : fmt::format(" Nothing of {} has run yet.", lacking));
 }
 
@@ -130,7 +140,7 @@ std::string RecipesOf(const Evidence& evidence) {
       "Where an algorithm ran with several recipes (in brackets behind its name), each has its "
       "column, its curves and its cells; everywhere else one stands for it, that of the budget "
       "(--at, or small) or, if it never ran with that, the one that fills the most cells: {}. On a "
-      "benchmark where that has no result, one that has stands for it.",
+      "benchmark where that has no result, one that has stands for it, but none on other data.",
       fmt::join(names, ", "));
 }
 

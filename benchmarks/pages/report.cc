@@ -114,13 +114,14 @@ Result<Evidence> GatherEvidence(const ReportOptions& options) {
   Evidence evidence;
   B4MRL_ASSIGN_OR_RETURN(evidence.benchmarks, ReadBenchmarks(options.suites));
   B4MRL_ASSIGN_OR_RETURN(const Reading reading, ReadingOf(options.at));
-  B4MRL_ASSIGN_OR_RETURN(evidence.table, ScoreTable::Read(options.folder, evidence.benchmarks,
-                                                          reading.limit, reading.main_recipes));
+  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
+  B4MRL_ASSIGN_OR_RETURN(evidence.table,
+                         ScoreTable::Read(options.folder, evidence.benchmarks, reading.limit,
+                                          reading.main_recipes, published));
   B4MRL_RETURN_IF_ERROR(CheckNumbers(reading.numbers, evidence.table));
   evidence.paper = PaperScores(evidence.benchmarks);
   evidence.deviations = BorrowedDeviations(evidence.table, evidence.paper);
   evidence.ours = OwnScores(evidence.table, evidence.deviations);
-  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
   evidence.other_rows = RunsOnOtherRows(evidence.table, published);
   // Claims about "confounding/*" are about the project's benchmarks, whatever others are named.
   B4MRL_ASSIGN_OR_RETURN(const auto own, ReadBenchmarks(""));

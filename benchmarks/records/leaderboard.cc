@@ -12,6 +12,7 @@
 #include <set>
 #include <string_view>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
 #include "benchmarks/records/result_file.h"
@@ -64,20 +65,30 @@ Json Needed(const Json& result, const std::set<std::string>& benchmarks) {
   return needed;
 }
 
-// The benchmarks that a result fills, each once, as far as they have one of these names. The others
-// are named in `skipped`.
-std::set<std::string> KnownBenchmarks(const Json& result, const std::string& file,
-                                      const std::set<std::string_view>& names,
-                                      std::vector<std::string>* skipped) {
+// The benchmarks that a result fills, each once, as far as they are among these, and not with
+// another version of their dataset. The others are named in `skipped`.
+std::set<std::string> KnownBenchmarks(
+    const Json& result, const std::string& file,
+    const std::map<std::string_view, const Benchmark*>& benchmarks,
+    std::vector<std::string>* skipped) {
+  const std::string dataset = DatasetName(result);
   std::set<std::string> known;
   size_t unknown = 0;
   std::string first;
+  const std::string* of_other = nullptr;  // the dataset of a benchmark that has another version
   for (const std::string& text : TextsOf(result, "benchmarks")) {
-    if (names.contains(text)) {
+    const auto found = benchmarks.find(text);
+    if (found != benchmarks.end() && AreVersionsOfOne(dataset, found->second->dataset)) {
+      of_other = &found->second->dataset;
+    } else if (found != benchmarks.end()) {
       known.insert(text);
     } else if (unknown++ == 0) {
       first = text;
     }
+  }
+  if (of_other != nullptr && skipped != nullptr) {
+    skipped->push_back(
+        fmt::format("{}: its dataset is {}, its benchmark's {}", file, dataset, *of_other));
   }
   if (unknown > 0 && skipped != nullptr) {
     skipped->push_back(
@@ -213,29 +224,32 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", results_folder));
   }
-  std::set<std::string_view> names;
-  for (const Benchmark& benchmark : benchmarks) names.insert(benchmark.name);
+  std::map<std::string_view, const Benchmark*> known;
+  for (const Benchmark& benchmark : benchmarks) known.emplace(benchmark.name, &benchmark);
   std::vector<Json> results;
   std::vector<std::string> paths;
   for (const std::string& file : files) {
     const auto json = ReadJsonObject(file);
     if (!json.ok() && skipped != nullptr) skipped->push_back(json.status().message());
     if (!json.ok() || !IsTrue(*json, "finished")) continue;
-    results.push_back(Needed(*json, KnownBenchmarks(*json, file, names, skipped)));
+    results.push_back(Needed(*json, KnownBenchmarks(*json, file, known, skipped)));
     paths.push_back(file);
   }
   const auto copies = CopiedSeeds(results, paths);
   std::set<const Json*> copied;
   for (size_t i = 0; i < results.size(); ++i) {
-    if (!copies[i].empty()) copied.insert(&results[i]);
+    if (copies[i].empty()) continue;
+    copied.insert(&results[i]);
+    if (skipped != nullptr) skipped->push_back(fmt::format("{}: {}", paths[i], copies[i].front()));
   }
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
     const std::string key = CellKey(result);
     for (const Json& name : EntryOf(result, "benchmarks")) {
       Cell& cell = cells[name.get<std::string>()][key];
-      cell.Add(&result);
-      cell.has_copies |= copied.contains(&result);
+      const bool is_copy = copied.contains(&result);
+      if (!is_copy) cell.Add(&result);
+      cell.has_copies |= is_copy;
     }
   }
   std::string csv =
@@ -246,7 +260,9 @@ Result<std::string> Leaderboard(const std::string& results_folder,
     const auto found = cells.find(benchmark.name);
     if (found == cells.end()) continue;
     std::vector<const Cell*> ranked;
-    for (const auto& [id, cell] : found->second) ranked.push_back(&cell);
+    for (const auto& [id, cell] : found->second) {
+      if (!cell.results.empty()) ranked.push_back(&cell);
+    }
     std::ranges::stable_sort(ranked, std::ranges::greater(), [](const Cell* cell) {
       return cell->Figures("return").value_or(MeanAndStd()).mean;
     });

@@ -21,12 +21,20 @@ struct MadeResult {
   uint64_t seed = 0;
   std::string recipe;
   std::string cell;  // "": the algorithm's with its recipe and benchmarks
-  std::string rows = "aa";
+  std::string rows;  // a hash; "": those published
   bool settled = true;
   double rise = 1;  // points an evaluation, if it has not settled
   std::string source = "own";
   uint64_t updates = 1000;
+  std::string dataset = "HalfCheetah/medium-v0";
+  std::string precision = "fp32";
 };
+
+// The project's datasets.
+inline const PublishedDatasets& Published() {
+  static const PublishedDatasets published = Take(ReadPublishedDatasets());
+  return published;
+}
 
 // A finished run, evaluated after each tenth of its updates.
 inline nlohmann::ordered_json JsonOf(const MadeResult& made) {
@@ -45,9 +53,12 @@ inline nlohmann::ordered_json JsonOf(const MadeResult& made) {
       {"algorithm", made.algorithm},
       {"seed", made.seed},
       {"dataset",
-       {{"name", "HalfCheetah/medium-v0"}, {"rows", 1000}, {"columns_sha256", made.rows}}},
+       {{"name", made.dataset},
+        {"rows", 1000},
+        {"columns_sha256",
+         made.rows.empty() ? Published().at("HalfCheetah/medium-v0").columns_sha256 : made.rows}}},
       {"budget", "small"},
-      {"precision", "fp32"},
+      {"precision", made.precision},
       {"source", made.source},
       {"updates", made.updates},
       {"finished", true},
@@ -74,7 +85,7 @@ class MadeResults {
   // `benchmarks` outlive the table.
   ScoreTable Read(const std::vector<Benchmark>& benchmarks, const ReadingLimit& limit = {},
                   const std::map<std::string, std::string>& main_recipes = {}) const {
-    return Take(ScoreTable::Read(folder_.path(), benchmarks, limit, main_recipes));
+    return Take(ScoreTable::Read(folder_.path(), benchmarks, limit, main_recipes, Published()));
   }
   std::string path() const { return folder_.path(); }
 

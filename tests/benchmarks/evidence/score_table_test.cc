@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "benchmarks/evidence/scores.h"
 #include "tests/benchmarks/evidence/made_results.h"
 
 namespace b4mrl {
@@ -47,25 +48,62 @@ TEST_CASE("Recipes are series of their own, and the budget's or the fullest is t
   CHECK(DisplayName("mine") == "mine");
 }
 
-TEST_CASE("Results of one cell on other rows of the data are not averaged but named") {
-  const MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .cell = "c"},
-                             {.algorithm = "iql",
-                              .benchmarks = {kClean},
-                              .score = 60,
-                              .seed = 1,
-                              .cell = "c",
-                              .rows = "bb"}});
-  const ScoreTable table = results.Read(OwnBenchmarks());
+TEST_CASE("Runs on other data are a series of their own, however many there are") {
+  const Series on_d4rl = {"iql", "D4RL's data", true}, on_others = {"iql", "other rows", true};
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .cell = "c"}});
+  for (const uint64_t seed : {0, 1}) {
+    results.Add(
+        JsonOf({.algorithm = "iql",
+                .benchmarks = {kClean, kMedium},
+                .score = 60 + static_cast<double>(seed),
+                .seed = seed,
+                .cell = "c",
+                .rows = seed == 0 ? "bb" : "cc",
+                .dataset = seed == 0 ? "HalfCheetah/medium-v0" : "d4rl/halfcheetah-medium-v2"})
+            .dump());
+  }
+  const ScoreTable table = results.Read(OwnBenchmarks(), {}, {{"iql", ""}});
   CHECK(table.Find(kClean, {"iql", ""})->Mean() == 40);
-  REQUIRE(table.notes().size() == 1);
-  CHECK_THAT(table.notes()[0], Catch::Contains("result-1.json was left out"));
+  REQUIRE(table.Find(kClean, on_others) != nullptr);
+  REQUIRE(table.Find(kClean, on_d4rl) != nullptr);
+  CHECK(table.notes().empty());
+  CHECK(DisplayName(on_d4rl) == "IQL (D4RL's data)");
+  CHECK(DisplayName(Series{"mopo", "short, other rows", true}) == "MOPO (short, other rows)");
+  // They stand in for nothing, and are no recipe that others are compared by.
+  const CellScores scores = OwnScores(table, {});
+  CHECK(scores.contains({kClean, "iql"}));
+  CHECK_FALSE(scores.contains({kMedium, "iql"}));
+  CHECK(OtherRecipes(table).empty());
+}
+
+TEST_CASE("Scores that their author measured are another algorithm's, by name") {
+  const MadeResults results(
+      {{.algorithm = "mine", .benchmarks = {kClean}, .score = 40, .source = "user"},
+       {.algorithm = "mine",
+        .benchmarks = {kClean},
+        .score = 99,
+        .seed = 1,
+        .source = "self-scored"}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"mine", ""})->Mean() == 40);
+  CHECK(table.Find(kClean, {"mine (self-scored)", ""})->Mean() == 99);
+}
+
+TEST_CASE("Of one seed in two precisions that in fp32 counts, as in the leaderboard") {
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 20, .precision = "bf16"},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
+  CHECK(results.Read(OwnBenchmarks()).Find(kClean, {"iql", ""})->Mean() == 40);
 }
 
 TEST_CASE(
     "A result on another version of the benchmark's dataset is left out, however far it came") {
   MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
-  auto old = JsonOf(
-      {.algorithm = "iql", .benchmarks = {kClean}, .score = 60, .cell = "old", .updates = 9000});
+  auto old = JsonOf({.algorithm = "iql",
+                     .benchmarks = {kClean, kMedium},
+                     .score = 60,
+                     .cell = "old",
+                     .updates = 9000});
   old["dataset"]["name"] = "HalfCheetah/medium-v7";
   results.Add(old.dump());
   const ScoreTable table = results.Read(OwnBenchmarks());

@@ -55,7 +55,7 @@ TEST_CASE("The page escapes texts, names its sections and needs no other file") 
   const std::string page = ToHtml(DocumentOf(HostileTable()));
   CHECK_THAT(page, Contains("<title>T &lt;1&gt;</title>"));
   CHECK_THAT(page, Contains("50% of &lt;b&gt; &quot;x&quot;"));
-  CHECK_THAT(page, Contains("<td>a|b*c</td><td class=\"number\">1 ± 2 ↗</td>"));
+  CHECK_THAT(page, Contains("<th scope=\"row\">a|b*c</th><td class=\"number\">1 ± 2 ↗</td>"));
   CHECK_THAT(page, Contains("<a href=\"#section-1\">One</a>") && Contains("<h2 id=\"section-1\">"));
   for (const char* foreign : {"<script", "src=", "<link", "url(", "@import"}) {
     CAPTURE(foreign);

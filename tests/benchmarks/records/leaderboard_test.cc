@@ -33,11 +33,13 @@ Json ResultOf(const std::string& algorithm, uint64_t seed, double score) {
 }
 
 std::vector<Benchmark> TestBenchmarks() {
-  std::vector<Benchmark> benchmarks(4);
+  std::vector<Benchmark> benchmarks(5);
   benchmarks[0].name = "E/a";
   benchmarks[1].name = "E/none";
   benchmarks[2].name = "E/b";
   benchmarks[3].name = "E/x,y";
+  benchmarks[4].name = "E/versioned";
+  benchmarks[4].dataset = "E/data";
   return benchmarks;
 }
 
@@ -207,6 +209,32 @@ TEST_CASE("Copies of one seed under other numbers, and unknown scorers, are no e
   CHECK(entry(false, "own") == "yes");
   CHECK(entry(true, "own") == "no");
   CHECK(entry(false, "") == "no");
+}
+
+TEST_CASE("Copies of one seed count once, and are named") {
+  Results results;
+  for (const uint64_t seed : {0, 1, 2}) {
+    Json json = ResultOf("mine", seed, 10);
+    json["curve"] = Json::array();
+    for (int i = 1; i <= 5; ++i) json["curve"].push_back({i * 20, 0, 100 + i, 1.0, 10});
+    results.Add(json);
+  }
+  CHECK(results.Rows()[0] ==
+        "E/a,mine,,own,E/data-v0,9,aa,10.00,,100.0,,1,100,yes,fp32,0.50,1,2,3,no");
+  CHECK(results.Skipped().size() == 2);
+}
+
+TEST_CASE("A result on another version of a benchmark's dataset is no row of it") {
+  Results results;
+  Json json = ResultOf("mine", 0, 10);
+  json["benchmarks"] = {"E/a", "E/versioned"};
+  results.Add(json);
+  const auto rows = results.Rows();
+  REQUIRE(rows.size() == 1);
+  CHECK(rows[0].starts_with("E/a,"));
+  REQUIRE(results.Skipped().size() == 1);
+  CHECK_THAT(results.Skipped()[0],
+             Catch::Contains("its dataset is E/data-v0, its benchmark's E/data"));
 }
 
 TEST_CASE("Where a curve is too short to say whether it has settled, the column is blank") {
