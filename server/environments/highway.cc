@@ -168,7 +168,8 @@ Status Highway::CheckVehicles(std::span<const double> vehicles) const {
         "length of state part 'vehicles'", std::to_string(vehicles.size()),
         fmt::format("{} numbers for each of 1 to {} cars", kVehicleColumns, capacity));
   }
-  constexpr size_t kLane = 4, kTargetLane = 5;  // columns of a car's row (traffic.h)
+  // Columns of a car's row (traffic.h).
+  constexpr size_t kLane = 4, kTargetLane = 5, kCrashed = 7, kImpactPending = 8;
   for (size_t i = 0; i < vehicles.size(); ++i) {
     const size_t row = i / kVehicleColumns;
     const size_t column = i % kVehicleColumns;
@@ -180,6 +181,13 @@ Status Highway::CheckVehicles(std::span<const double> vehicles) const {
     if (is_lane && !(vehicles[i] >= 0 && vehicles[i] < settings_.lanes_count)) {
       return InvalidNumber(fmt::format("lane in state vehicles[{}][{}]", row, column), vehicles[i],
                            fmt::format("0..{}", settings_.lanes_count - 1));
+    }
+    const bool is_flag = column == kCrashed || column == kImpactPending;
+    const bool is_whole = column == kLane || column == kTargetLane;
+    if ((is_flag && vehicles[i] != 0 && vehicles[i] != 1) ||
+        (is_whole && vehicles[i] != std::floor(vehicles[i]))) {
+      return InvalidNumber(fmt::format("state vehicles[{}][{}]", row, column), vehicles[i],
+                           is_flag ? "0 or 1" : "whole numbers");
     }
   }
   return Status();
@@ -307,15 +315,17 @@ class HighwayModel final : public EnvironmentModel {
 
   const EnvironmentSpec& spec() const override { return spec_; }
   std::string Identity() const override {
-    // A range of cars once gave other starts, which had random numbers in common.
-    return settings_.most_vehicles ? "highway-env 1.12, starts apart" : "highway-env 1.12";
+    // A range of cars once gave other starts, which had random numbers in common, and queries once
+    // took cars whose heading they are told to face along the road.
+    return fmt::format("highway-env 1.12{}{}", settings_.most_vehicles ? ", starts apart" : "",
+                       DescribesHeadings(settings_.observation) ? ", headings queried" : "");
   }
   bool maps_float32() const override { return true; }
   Status CheckQueryable() const override {
     if (DescribesTraffic(settings_.observation)) return Status();
     return Status(StatusCode::kUnsupported,
-                  "observations without presence, x, y, vx and vy do not tell the state that a "
-                  "query starts from");
+                  "observations without presence, x, y, vx and vy, or with a features_range that "
+                  "shows presence as 0, do not tell the state that a query starts from");
   }
   Result<std::unique_ptr<Environment>> NewEnvironment() const override {
     return std::unique_ptr<Environment>(std::make_unique<Highway>(spec_, settings_, config_under_));

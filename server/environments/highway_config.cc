@@ -135,7 +135,10 @@ void ReadNormalisation(ConfigReader& reader, int lanes, Observation* settings) {
       if (normalize && FeatureName(column.feature) == name) column.range = range;
     }
   };
-  if (IsNone(reader, "features_range")) {
+  const Config* given = reader.Find("features_range");
+  const bool is_empty = given != nullptr && given->is_object() && given->empty();
+  if (is_empty) reader.Keep("features_range", nullptr);  // which highway-env takes for None
+  if (is_empty || IsNone(reader, "features_range")) {
     for (const auto& [name, range] : defaults) set_range(name, range);
     return;
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "server/highway/creation.h"
 #include "server/highway/road.h"
@@ -94,9 +95,20 @@ size_t ChooseCars(const HighwayObservationSettings& settings, const Traffic& t,
   return std::min(count, settings.rows - 1);
 }
 
-// A car's position (m) and velocity (m/s) as a row of an observation says them.
+// What the presence of a car is in an observation; rows without a car have 0.
+double ShownPresence(const HighwayObservationSettings& settings) {
+  const auto column = std::ranges::find(settings.columns, HighwayFeature::kPresence,
+                                        &HighwayObservationSettings::Column::feature);
+  if (column == settings.columns.end()) return 0;
+  return column->range ? Normalise(*column->range, settings.clip, 1) : 1;
+}
+
+// A car's position (m) and velocity (m/s) as a row of an observation says them, and where it heads
+// (rad) if the observation says so.
 struct Sight {
-  double presence = 0, x = 0, y = 0, vx = 0, vy = 0;
+  bool is_present = false;
+  double x = 0, y = 0, vx = 0, vy = 0;
+  std::optional<double> heading, cos_heading, sin_heading;
 };
 
 Sight ReadRow(const HighwayObservationSettings& settings, std::span<const double> row) {
@@ -108,23 +120,37 @@ Sight ReadRow(const HighwayObservationSettings& settings, std::span<const double
       const NumberRange& range = *column.range;
       value = range.low + (value + 1) * (range.high - range.low) / 2;
     }
-    if (column.feature == HighwayFeature::kPresence) sight.presence = value;
+    if (column.feature == HighwayFeature::kPresence) {
+      sight.is_present = row[k] / ShownPresence(settings) > 0.5;
+    }
     if (column.feature == HighwayFeature::kX) sight.x = value;
     if (column.feature == HighwayFeature::kY) sight.y = value;
     if (column.feature == HighwayFeature::kVx) sight.vx = value;
     if (column.feature == HighwayFeature::kVy) sight.vy = value;
+    if (column.feature == HighwayFeature::kHeading) sight.heading = value;
+    if (column.feature == HighwayFeature::kCosHeading) sight.cos_heading = value;
+    if (column.feature == HighwayFeature::kSinHeading) sight.sin_heading = value;
+  }
+  if (!sight.heading && sight.cos_heading && sight.sin_heading) {
+    sight.heading = std::atan2(*sight.sin_heading, *sight.cos_heading);
   }
   return sight;
 }
 
 void Place(const Sight& sight, int lanes, Traffic& t) {
   const int i = t.count++;
-  // Cars face along the road; one that moves against x is reversing.
-  const double direction = sight.vx < 0 ? -1 : 1;
   t.x[i] = sight.x;
   t.y[i] = sight.y;
-  t.heading[i] = std::atan2(direction * sight.vy, direction * sight.vx);
-  t.speed[i] = direction * std::sqrt(sight.vx * sight.vx + sight.vy * sight.vy);
+  if (sight.heading) {
+    t.heading[i] = *sight.heading;
+    t.speed[i] = sight.vx * std::cos(*sight.heading) + sight.vy * std::sin(*sight.heading);
+  } else {
+    // Cars are taken to face along the road; one that moves against x is reversing. Adding 0 makes
+    // 0 of -0, whose angle would be half a turn.
+    const double direction = sight.vx < 0 ? -1 : 1;
+    t.heading[i] = std::atan2(direction * sight.vy + 0.0, direction * sight.vx + 0.0);
+    t.speed[i] = direction * std::sqrt(sight.vx * sight.vx + sight.vy * sight.vy);
+  }
   t.Turn(i);
   t.lane[i] = ClosestLane(t.x[i], t.y[i], t.heading[i], lanes, 0);
   t.target_lane[i] = i == kEgo ? kNoLane : t.lane[i];
@@ -168,8 +194,17 @@ bool DescribesTraffic(const HighwayObservationSettings& settings) {
     return std::ranges::any_of(settings.columns,
                                [feature](const auto& column) { return column.feature == feature; });
   };
-  return has(HighwayFeature::kPresence) && has(HighwayFeature::kX) && has(HighwayFeature::kY) &&
+  return ShownPresence(settings) != 0 && has(HighwayFeature::kX) && has(HighwayFeature::kY) &&
          has(HighwayFeature::kVx) && has(HighwayFeature::kVy);
+}
+
+bool DescribesHeadings(const HighwayObservationSettings& settings) {
+  const auto has = [&settings](HighwayFeature feature) {
+    return std::ranges::count(settings.columns, feature,
+                              &HighwayObservationSettings::Column::feature) > 0;
+  };
+  return has(HighwayFeature::kHeading) ||
+         (has(HighwayFeature::kCosHeading) && has(HighwayFeature::kSinHeading));
 }
 
 bool TrafficFromObservation(const HighwayObservationSettings& settings, int lanes,
@@ -183,7 +218,7 @@ bool TrafficFromObservation(const HighwayObservationSettings& settings, int lane
   Place(ego, lanes, t);
   for (size_t row = 1; row < settings.rows; ++row) {
     Sight sight = ReadRow(settings, observation.subspan(row * width, width));
-    if (!(sight.presence > 0.5)) continue;
+    if (!sight.is_present) continue;
     if (!settings.absolute) {
       sight.x += ego.x;
       sight.y += ego.y;

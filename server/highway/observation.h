@@ -23,12 +23,16 @@ void ObserveTraffic(const HighwayObservationSettings& settings, const Traffic& t
                     std::span<double> observation);
 
 // Whether an observation with these columns tells where the cars are and how they move: presence,
-// x, y, vx and vy.
+// unless its range shows it as the 0 of rows without a car, x, y, vx and vy.
 bool DescribesTraffic(const HighwayObservationSettings& settings);
+
+// Whether it also tells where they head: heading, or cos_h and sin_h.
+bool DescribesHeadings(const HighwayObservationSettings& settings);
 
 // Puts the ego and every car whose row says that it is present where the observation shows them;
 // the settings describe traffic, and the capacity is at least settings.rows. What an observation
-// does not tell is taken as for a car that has just been created there: it keeps its lane, its
+// does not tell is taken as for a car that has just been created there: it faces along the road, so
+// that one which moves against it reverses, unless headings are described; it keeps its lane, its
 // timer follows from its place, its commands are 0 and nothing has crashed; delta is the mean, 4,
 // and the target speed is its own, brought into the range of new cars (21..24 m/s). Cars that are
 // not shown do not exist. A value that was clipped stays at the clip's bound, so the ego is at most

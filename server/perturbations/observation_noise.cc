@@ -62,7 +62,8 @@ constinit const PerturbationEntry kObservationNoise = {
     .type = "number",
     .low = 0,
     .high = 1e6,
-    .description = "adds independent normal noise to every dimension of observations",
+    .description =
+        "adds independent normal noise to every dimension of observations but flags and empty rows",
     .corrupts_datasets = true,
     .draws_for_datasets = true,
     .presets = kPresets,

@@ -262,8 +262,9 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
   environment.SaveState(after.state());
   Observe(environment, after);
-  if (!IsReportable(after)) {
-    return Status(StatusCode::kInvalidArgument, "the state's observation is not finite");
+  if (!IsReportable(after) || !AllFinite(after.state())) {
+    return Status(StatusCode::kInvalidArgument,
+                  "the state, or its observation, has parts that are not finite");
   }
   AbsorbOutcome(after);
   return Status();

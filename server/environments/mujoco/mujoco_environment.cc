@@ -17,15 +17,17 @@ constexpr double kLargestValue = 1e10;
 
 void CopyInto(std::span<const double> from, double* to) { std::copy(from.begin(), from.end(), to); }
 
-Status CheckPart(const std::string& name, std::span<const double> values, size_t size) {
+// Parts that MuJoCo derives from others may be larger than what it accepts of these.
+Status CheckPart(const std::string& name, std::span<const double> values, size_t size,
+                 bool is_derived) {
   if (values.size() != size) {
     return InvalidArgument(fmt::format("length of state part '{}'", name),
                            std::to_string(values.size()), std::to_string(size));
   }
   for (size_t i = 0; i < size; ++i) {
-    if (!(std::abs(values[i]) <= kLargestValue)) {
-      return InvalidNumber(fmt::format("state {}[{}]", name, i), values[i], "-1e10..1e10");
-    }
+    if (is_derived ? std::isfinite(values[i]) : std::abs(values[i]) <= kLargestValue) continue;
+    return InvalidNumber(fmt::format("state {}[{}]", name, i), values[i],
+                         is_derived ? "finite numbers" : "-1e10..1e10");
   }
   return Status();
 }
@@ -126,8 +128,8 @@ Status MujocoEnvironment::SetNamedState(const NamedState& state) {
   for (const auto& [name, values] : state) {
     const auto known = std::ranges::find(names, name);
     if (known == names.end()) return UnknownName("state part", name, names);
-    const size_t size = parts_[known - names.begin()].values.size();
-    B4MRL_RETURN_IF_ERROR(CheckPart(name, values, size));
+    const StatePart& part = parts_[known - names.begin()];
+    B4MRL_RETURN_IF_ERROR(CheckPart(name, values, part.values.size(), !part.required));
   }
   for (const StatePart& part : parts_) {
     if (!part.required || state.contains(part.name)) continue;

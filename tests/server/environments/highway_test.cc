@@ -259,11 +259,24 @@ TEST_CASE("States that are no states of a highway are refused by name") {
              Contains("'time' is -100000000000, allowed: -1e10..1e10 seconds"));
   vehicles[15 + 4] = 3;  // of lanes 0 to 2
   CHECK_THAT(refusal("vehicles", vehicles).message(), Contains("vehicles[1][4]"));
+  vehicles[15 + 4] = 1.5;
+  CHECK_THAT(refusal("vehicles", vehicles).message(), Contains("whole numbers"));
   vehicles[15 + 4] = 0;
+  vehicles[15 + 7] = 0.5;
+  CHECK_THAT(refusal("vehicles", vehicles).message(), Contains("vehicles[1][7]"));
+  vehicles[15 + 7] = 0;
   vehicles[2] = std::nan("");
   CHECK_THAT(refusal("vehicles", vehicles).message(), Contains("vehicles[0][2]"));
   RequireOk(lane.TrySetState({{"vehicles", std::vector<double>(15, 0.0)}}));  // the ego alone
   CHECK(lane.GetState().at("vehicles").size() == 15);
+}
+
+TEST_CASE("An empty table of ranges stands for the default ones, as in highway-env") {
+  TestLane given(Take(TryOpen("Highway", "", R"({"observation": {"features_range": {}}})")));
+  TestLane plain(OpenHighway());
+  given.Reset(3);
+  plain.Reset(3);
+  CHECK(given.observation() == plain.observation());
 }
 
 TEST_CASE("Settings that mean something else here are refused with their name") {

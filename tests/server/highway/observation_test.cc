@@ -135,6 +135,59 @@ TEST_CASE("A car that moves against the road is taken to reverse") {
   CHECK(set.heading[0] == 0);
 }
 
+TEST_CASE("A car that has turned round drives on, where headings are told") {
+  Traffic traffic = MakeTraffic({{100, 4, 10}, {150, 4, 0}, {130, 8, -3}});
+  const double headings[] = {2.8, -2, 0.1};
+  for (int i = 0; i < 3; ++i) {
+    traffic.heading[i] = headings[i];
+    traffic.Turn(i);
+  }
+  using Features = std::vector<HighwayFeature>;
+  for (const Features& told :
+       {Features{HighwayFeature::kHeading},
+        Features{HighwayFeature::kCosHeading, HighwayFeature::kSinHeading}}) {
+    HighwayObservationSettings settings = Plain(3);
+    CHECK_FALSE(DescribesHeadings(settings));
+    for (const HighwayFeature feature : told) settings.columns.push_back({feature, {}});
+    REQUIRE(DescribesHeadings(settings));
+    settings.sorted = false;
+    Traffic set(3);
+    REQUIRE(TrafficFromObservation(settings, kLanes, Observe(settings, traffic), set));
+    REQUIRE(set.count == 3);
+    for (int i = 0; i < 3; ++i) {
+      // Of numbers to float32: angles up to 3, speeds up to 10 less the ego's.
+      CHECK(set.heading[i] == Approx(headings[i]).margin(1e-6));
+      CHECK(set.speed[i] == Approx(traffic.speed[i]).margin(1e-5));
+    }
+  }
+}
+
+TEST_CASE("A velocity of negative zeros faces along the road") {
+  std::vector<double> seen = {1, 100, 4, -0.0, -0.0};
+  Traffic set(1);
+  REQUIRE(TrafficFromObservation(Plain(1), kLanes, seen, set));
+  CHECK(set.heading[0] == 0);
+  CHECK_FALSE(std::signbit(set.speed[0]));
+}
+
+TEST_CASE("A presence that is mapped tells which rows have a car, unless it is shown as 0") {
+  const Traffic traffic = MakeTraffic({{100, 4, 25}, {150, 4, 20}, {160, 4, 20}});
+  for (const bool clip : {true, false}) {
+    for (const NumberRange range : {NumberRange{0, 0.5}, NumberRange{0, 3}, NumberRange{-9, 2}}) {
+      HighwayObservationSettings settings = Plain(5);
+      settings.clip = clip;
+      settings.columns.front().range = range;
+      REQUIRE(DescribesTraffic(settings));
+      Traffic set(5);
+      REQUIRE(TrafficFromObservation(settings, kLanes, Observe(settings, traffic), set));
+      CHECK(set.count == 3);
+    }
+  }
+  HighwayObservationSettings settings = Plain(5);
+  settings.columns.front().range = NumberRange{0, 2};
+  CHECK_FALSE(DescribesTraffic(settings));
+}
+
 TEST_CASE("What is not finite describes nothing") {
   const HighwayObservationSettings settings;
   for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {

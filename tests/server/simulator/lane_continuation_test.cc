@@ -1,4 +1,7 @@
 // How a lane goes on after what it was doing was broken off: by a crash, or by a state that is set.
+#include <cmath>
+
+#include "proto/base/finite.h"
 #include "tests/server/environments/simulation.h"
 
 namespace b4mrl {
@@ -72,6 +75,28 @@ TEST_CASE("A state that is set where an episode has ended begins the next one, w
   TestLane fresh(OpenHalfCheetah("", kThreeSteps));
   RequireOk(fresh.TrySetState(state));
   REQUIRE(fresh.header().episode == 0);
+}
+
+TEST_CASE("A state that is set leaves none that is not finite, and can be set again whole") {
+  TestLane lane(OpenHalfCheetah());
+  lane.Reset();
+  size_t taken = 0;
+  for (uint64_t k = 0; k < 400; ++k) {
+    // Of every order of magnitude that is accepted.
+    Rng rng(k, "test-state");
+    const double scale = std::pow(10.0, rng.Uniform(-3, 10));
+    NamedState state = {{"qpos", std::vector<double>(9)}, {"qvel", std::vector<double>(9)}};
+    for (auto& [name, values] : state) {
+      for (double& value : values) value = rng.Uniform(-scale, scale);
+    }
+    if (!lane.TrySetState(state).ok()) continue;
+    ++taken;
+    const NamedState whole = lane.GetState();
+    for (const auto& [name, values] : whole) REQUIRE(AllFinite(values));
+    RequireOk(lane.TrySetState(whole));
+    REQUIRE(lane.GetState() == whole);
+  }
+  CHECK(taken > 200);
 }
 
 }  // namespace
