@@ -1,10 +1,13 @@
 // Documents as Markdown, tables as CSV and LaTeX (writers.h).
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <algorithm>
 #include <sstream>
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "benchmarks/pages/writers.h"
 #include "data/files/csv_cell.h"
@@ -110,6 +113,11 @@ std::string Joined(const Cells& cells, std::string_view separator, TextOfCell te
 // tiny.
 constexpr size_t kLongestUnwrapped = 40;
 constexpr size_t kLongestWord = 25;  // that a wrapped column has room for
+constexpr char kWrapped[] = "p{6cm}";
+constexpr size_t kLineOfWrapped = 35;  // characters, about
+
+// LaTeX keeps a table on one page, cut off where it is longer.
+constexpr size_t kLinesOfAPage = 35;
 
 std::string AlignmentOf(const Table& table, size_t column) {
   if (table.columns[column].is_number) return "r";
@@ -121,7 +129,27 @@ std::string AlignmentOf(const Table& table, size_t column) {
       if (word.size() > kLongestWord) return "l";
     }
   }
-  return has_sentences ? "p{6cm}" : "l";
+  return has_sentences ? kWrapped : "l";
+}
+
+// The rows, of each page that they take.
+std::vector<std::string> LatexPages(const Table& table,
+                                    const std::vector<std::string>& alignments) {
+  std::vector<std::string> pages(1);
+  size_t lines = 0;  // of the page
+  for (const auto& row : table.rows) {
+    size_t height = 1;
+    for (size_t i = 0; i < row.size(); ++i) {
+      if (alignments[i] == kWrapped) height = std::max(height, row[i].size() / kLineOfWrapped + 1);
+    }
+    if (lines > 0 && lines + height > kLinesOfAPage) {
+      pages.emplace_back();
+      lines = 0;
+    }
+    lines += height;
+    pages.back() += "    " + Joined(row, " & ", Latex) + " \\\\\n";
+  }
+  return pages;
 }
 
 }  // namespace
@@ -145,17 +173,26 @@ std::string ToCsv(const Table& table) {
 }
 
 std::string ToLatex(const Table& table) {
-  std::string alignment;
-  for (size_t i = 0; i < table.columns.size(); ++i) alignment += AlignmentOf(table, i);
-  std::string text = fmt::format(
-      "\\begin{{table}}[t]\n  \\centering\n  \\caption{{{} {}}}\n  \\label{{tab:{}}}\n"
-      "  \\resizebox{{\\ifdim\\width>\\textwidth\\textwidth\\else\\width\\fi}}{{!}}{{%\n"
-      "  \\begin{{tabular}}{{{}}}\n    \\toprule\n    ",
-      Latex(table.title), Latex(table.caption), table.id, alignment);
-  text += Joined(table.columns, " & ", [](const Column& column) { return Latex(column.name); });
-  text += " \\\\\n    \\midrule\n";
-  for (const auto& row : table.rows) text += "    " + Joined(row, " & ", Latex) + " \\\\\n";
-  return text + "    \\bottomrule\n  \\end{tabular}}\n\\end{table}\n";
+  std::vector<std::string> alignments;
+  for (size_t i = 0; i < table.columns.size(); ++i) alignments.push_back(AlignmentOf(table, i));
+  const std::string names =
+      Joined(table.columns, " & ", [](const Column& column) { return Latex(column.name); });
+  const std::vector<std::string> pages = LatexPages(table, alignments);
+  std::string text;
+  for (size_t page = 0; page < pages.size(); ++page) {
+    const bool is_first = page == 0;
+    text += fmt::format(
+        "\\begin{{table}}[t]\n  \\centering\n  \\caption{{{} {}}}\n  \\label{{tab:{}{}}}\n"
+        "  \\resizebox{{\\ifdim\\width>\\textwidth\\textwidth\\else\\width\\fi}}{{!}}{{%\n"
+        "  \\begin{{tabular}}{{{}}}\n    \\toprule\n    {} \\\\\n    \\midrule\n{}"
+        "    \\bottomrule\n  \\end{{tabular}}}}\n\\end{{table}}\n",
+        Latex(table.title),
+        is_first ? Latex(table.caption)
+                 : fmt::format("Continued, part {} of {}.", page + 1, pages.size()),
+        table.id, is_first ? "" : fmt::format("-{}", page + 1), fmt::join(alignments, ""), names,
+        pages[page]);
+  }
+  return text;
 }
 
 }  // namespace b4mrl

@@ -18,9 +18,9 @@ std::string ToHtml(const Document& document);
 // The columns' names and the rows (RFC 4180).
 std::string ToCsv(const Table& table);
 
-// A `table` with booktabs' rules, to be \input; needs the packages booktabs and graphicx, whose
-// \resizebox narrows wider tables to the text's width. pdflatex knows Latin letters; names in other
-// scripts need lualatex or xelatex and a font that has them.
+// A `table` with booktabs' rules, or several of one page each, to be \input; needs the packages
+// booktabs and graphicx, whose \resizebox narrows wider tables to the text's width. pdflatex knows
+// Latin letters; names in other scripts need lualatex or xelatex and a font that has them.
 std::string ToLatex(const Table& table);
 
 }  // namespace b4mrl

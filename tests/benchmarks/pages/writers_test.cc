@@ -1,5 +1,7 @@
 #include "benchmarks/pages/writers.h"
 
+#include <fmt/format.h>
+
 #include <catch2/catch.hpp>
 
 namespace b4mrl {
@@ -34,6 +36,20 @@ TEST_CASE("LaTeX escapes its special characters and draws booktabs' rules") {
   CHECK_THAT(text, Contains("\\begin{tabular}{lr}"));
   CHECK_THAT(text, Contains("1 $\\pm$ 2 $\\nearrow$ \\\\"));
   CHECK_THAT(text, Contains("\\toprule") && Contains("\\midrule") && Contains("\\bottomrule"));
+}
+
+TEST_CASE("LaTeX gets a long table in parts that fit a page, with every row once and in order") {
+  Table table = {"t", "Title.", "Caption.", {{"Name"}}, {}};
+  for (int i = 0; i < 80; ++i) table.rows.push_back({fmt::format("row{}", i)});
+  const std::string text = ToLatex(table);
+  size_t at = 0;
+  for (const auto& row : table.rows) {
+    at = text.find(row.front() + " \\\\", at);
+    REQUIRE(at != std::string::npos);
+  }
+  CHECK_THAT(text, Contains("\\caption{Title. Caption.}") && Contains("\\label{tab:t}"));
+  CHECK_THAT(text, Contains("\\caption{Title. Continued, part 3 of 3.}") && Contains("{tab:t-3}"));
+  CHECK(text.find("part 4") == std::string::npos);
 }
 
 TEST_CASE("Markdown tables keep their columns whatever the entries hold") {
