@@ -35,7 +35,7 @@ from b4mrl.wire.session import QueryAnswer, Session
 T = TypeVar("T")
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
-_OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a dataset imports its file
+_OPEN_DATASET_MS = 300_000  # the first opening of a dataset imports its file
 
 
 class Client(Shown):
@@ -309,7 +309,7 @@ class Client(Shown):
         seed: int = 0,
         transition_rule: str = "stored",
         environment: str = "",
-        open_deadline_ms: float = _OPEN_DATASET_DEADLINE_MS,
+        open_deadline_ms: float = _OPEN_DATASET_MS,
         deadline_ms: float | None = None,
         ledger: LedgerLike = None,
     ) -> Dataset:
@@ -330,9 +330,7 @@ class Client(Shown):
             ledger: counts the rows that are sampled and read; see `ledger()`.
         """
         number = number_of(ledger)
-        opening_ms = checks.deadline_ms(
-            open_deadline_ms, _OPEN_DATASET_DEADLINE_MS, "open_deadline_ms"
-        )
+        opening_ms = checks.deadline_ms(open_deadline_ms, _OPEN_DATASET_MS, "open_deadline_ms")
         asked = plain(
             name=name,
             corruption=corruption,
@@ -345,6 +343,7 @@ class Client(Shown):
         )
         request = dataset_request(name, corruption, seed, transition_rule, environment)
         queries = functools.partial(Client._open_queries, ledger=number)
+        asked_ms = self._asked_deadline_ms if deadline_ms is None else deadline_ms
         connection = self._connect_datasets()
         try:
             return Dataset(
@@ -353,7 +352,7 @@ class Client(Shown):
                 self._origin(Client.dataset, asked),
                 checks.deadline_ms(deadline_ms, self.deadline_ms),
                 self._connect_datasets,
-                functools.partial(call_once, queries, self.endpoint, self._asked_deadline_ms),
+                functools.partial(call_once, queries, self.endpoint, asked_ms),
                 number,
             )
         except BaseException:
@@ -392,6 +391,7 @@ def call_once(
     method: Callable[..., T],
     endpoint: str,
     deadline_ms: float | None,
+    /,
     *positional: Any,
     **arguments: Any,
 ) -> T:

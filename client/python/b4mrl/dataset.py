@@ -297,7 +297,9 @@ class Dataset(Shown):
 
         `prefix` begins the names of seed and folder where the caller gave them.
         """
-        text = simulators.text_of(simulators.parse(simulator))
+        text = simulators.text_of(
+            simulators.parse(simulator, f"{prefix}with" if prefix else "simulator")
+        )
         if folder is not None:
             folder = os.path.abspath(checks.path(f"{prefix}folder", folder))
         key = (text, checks.unsigned(f"{prefix}seed", seed), folder)

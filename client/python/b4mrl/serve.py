@@ -22,6 +22,7 @@ from b4mrl.errors import InvalidArgumentError, UnavailableError
 from b4mrl.wire import checks, farewells
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
+_LONGEST_WAIT_SECONDS = 60.0  # at a time: the kernel takes no more than a C int of milliseconds
 
 # Of sessions without requests; the longest that `b4mrl serve` takes (proto/base/limits.h). A private
 # daemon ends with its program, so that sessions need not end before: a notebook may rest overnight.
@@ -81,7 +82,11 @@ class PrivateDaemon(Shown):
 
         May be called again. In a forked child, it does nothing.
         """
-        self._stop()
+        due = self._stop.peek()  # kept until it has ended: an interrupted call stops nothing
+        if due is not None:
+            _, stop, arguments, _ = due
+            stop(*arguments)
+            self._stop.detach()
         return self._process.returncode or 0
 
     def _facts(self) -> Mapping[str, Any]:
@@ -100,7 +105,7 @@ class PrivateDaemon(Shown):
         poll = select.poll()  # select.select knows no descriptor beyond 1,023
         poll.register(descriptor, select.POLLIN)
         while (left := deadline - time.monotonic()) > 0 and len(text) < 4096:
-            if not poll.poll(left * 1000):
+            if not poll.poll(min(left, _LONGEST_WAIT_SECONDS) * 1000):
                 continue
             received = os.read(descriptor, 256)
             if not received:

@@ -111,7 +111,7 @@ def _row_of(state: Mapping[str, Any]) -> dict[str, Array]:
         raise InvalidArgumentError("snapshot is malformed, allowed: bytes that get_state returned")
     came = {snapshot[i : i + _CHECK_BYTES] for i in range(2, head_bytes, _CHECK_BYTES)}
     kept = {name for name, values in parts.items() if _fingerprint(name, values) in came}
-    if not parts or len(kept) == len(parts) == len(came):
+    if len(kept) == len(parts):
         return {_SNAPSHOT: np.frombuffer(snapshot, np.uint8, offset=head_bytes)}
     if _MOTION & parts.keys() <= kept:
         return parts

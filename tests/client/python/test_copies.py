@@ -39,6 +39,24 @@ def test_a_copied_environment_is_a_new_one_of_the_same_kind(
 
 
 @copies
+def test_a_copy_has_the_deadline_of_its_original(
+    client: b4mrl.Client, make_copy: Callable[[Any], Any]
+) -> None:
+    with (
+        client.make("HalfCheetah", deadline_ms=5000) as env,
+        make_copy(env) as twin,
+        client.make_vec("HalfCheetah", 2, deadline_ms=5000) as vec,
+        make_copy(vec) as vec_twin,
+    ):
+        assert twin.session.deadline_ms == vec_twin.session.deadline_ms == 5000
+        again = gym.make(env.spec)
+        again.close()
+    made = gym.make("b4mrl/HalfCheetah-v0", endpoint=client.endpoint, deadline_ms=1e12)
+    made.reset(seed=1)
+    made.close()
+
+
+@copies
 def test_what_the_caller_changes_later_concerns_no_copy(
     client: b4mrl.Client, make_copy: Callable[[Any], Any]
 ) -> None:

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -42,6 +43,28 @@ def test_it_runs_as_long_as_the_block() -> None:
     assert not is_running(daemon.process_id)
     assert not folder.exists()
     assert daemon.stop() == 0
+
+
+def test_a_stop_that_was_interrupted_is_made_again() -> None:
+    daemon = b4mrl.serve(ready_seconds=1e7)  # more than the kernel waits at a time
+    _, stop, arguments, _ = daemon._stop.peek()
+    daemon._stop.detach()
+
+    def interrupted_once(*arguments: object) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == 1:
+            raise KeyboardInterrupt
+        stop(*arguments)
+
+    calls = 0
+    daemon._stop = weakref.finalize(daemon, interrupted_once, *arguments)
+    with pytest.raises(KeyboardInterrupt):
+        daemon.stop()
+    assert daemon.is_running
+    assert daemon.stop() == daemon.stop() == 0
+    assert calls == 2
+    assert not is_running(daemon.process_id)
 
 
 def test_it_starts_in_a_program_with_more_than_a_thousand_open_files() -> None:
@@ -100,7 +123,7 @@ def test_its_sessions_last_as_long_as_it_does_unless_the_caller_sets_a_lease(
     [
         ({"arguments": "--no-door"}, "^arguments is '--no-door', allowed: a list of options"),
         ({"arguments": 3}, "^arguments is 3, allowed"),
-        ({"ready_seconds": "20"}, "^ready_seconds is '20', allowed: a number above 0$"),
+        ({"ready_seconds": "20"}, "^ready_seconds is '20', allowed: a finite number above 0$"),
         ({"data": "a\0b"}, "^cannot start the server: embedded null byte$"),
         ({"arguments": ["x" * 3_000_000]}, "^cannot start the server: .*too long"),
     ],

@@ -120,6 +120,20 @@ def test_the_warm_start_may_be_left_out(client: b4mrl.Client) -> None:
         np.testing.assert_array_equal(env.get_state()["qpos"], state["qpos"])
 
 
+@pytest.mark.parametrize("missing", [{"time"}, {"qacc_warmstart"}, {"time", "qpos"}])
+def test_a_state_without_some_of_its_parts_continues_exactly(
+    client: b4mrl.Client, missing: set[str]
+) -> None:
+    with client.make("HalfCheetah", "action-delay=3,obs-noise=0.1", dtype="float64") as env:
+        env.reset(seed=4)
+        for _ in range(5):
+            env.step(np.full(6, 0.5))
+        state = env.get_state()
+        expected = env.step(np.ones(6))
+        env.set_state({name: part for name, part in state.items() if name not in missing})
+        assert_same(env.step(np.ones(6)), expected)
+
+
 def test_states_go_to_the_environments_that_are_named(client: b4mrl.Client) -> None:
     with client.make_vec("HalfCheetah", 4, dtype="float64") as vec:
         vec.reset(seed=0)

@@ -134,7 +134,9 @@ def positive(name: str, value: Any) -> float:
     is_number = isinstance(value, int | float | np.integer | np.floating)
     # Also refuses an integer that is too large for a float.
     if not is_number or isinstance(value, bool) or not 0 < value <= sys.float_info.max:
-        raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a number above 0")
+        raise InvalidArgumentError(
+            f"{name} is {reprlib.repr(value)}, allowed: a finite number above 0"
+        )
     return float(value)
 
 

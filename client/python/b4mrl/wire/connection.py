@@ -148,7 +148,7 @@ class Connection:
             wait_ms = math.ceil((finish - time.monotonic()) * 1000)
             if wait_ms <= 0:
                 return False
-            self._link.await_handshake(wait_ms)
+            self._link.await_handshake(min(wait_ms, 60_000))  # of a C int at most
         return True
 
     @property

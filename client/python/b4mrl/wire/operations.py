@@ -118,16 +118,21 @@ class Operations:
 
         An error of the daemon has the step's lanes in `env_ids`.
         """
-        steps = [each for each, it in self._under_way.items() if not it.is_interrupted]
-        if not steps:
-            raise errors.FailedPreconditionError(
-                "there is no sent step to receive; call send first"
-            )
-        delivery = self._connection.await_any(steps)
-        if delivery.error is not None:
-            lanes = self._under_way[delivery.request_id].lanes
-            delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
-        return self._take(delivery, read)
+        user = self._require_alone()
+        try:
+            self._inside = user
+            steps = [each for each, it in self._under_way.items() if not it.is_interrupted]
+            if not steps:
+                raise errors.FailedPreconditionError(
+                    "there is no sent step to receive; call send first"
+                )
+            delivery = self._connection.await_any(steps)
+            if delivery.error is not None:
+                lanes = self._under_way[delivery.request_id].lanes
+                delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
+            return self._take(delivery, read)
+        finally:
+            self._inside = 0
 
     def read_lanes(
         self, request: Any, payload: bytearray, lanes: Lanes | None, deadline_ms: float

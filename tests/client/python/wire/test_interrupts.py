@@ -353,18 +353,22 @@ def test_a_signal_handler_takes_nothing_from_a_call_that_reads(client: b4mrl.Cli
     refused = []
 
     def use(*_: object) -> None:
-        with pytest.raises(errors.FailedPreconditionError, match="signal handler"):
-            vec.get_state()
+        for call in (vec.get_state, vec.recv):
+            with pytest.raises(errors.FailedPreconditionError, match="signal handler"):
+                call()
         refused.append(True)
 
-    place = "b4mrl.wire.connection.Connection.receive_any"
+    place = "b4mrl.wire.connection.Connection.await_any"
     original = pkgutil.resolve_name(place)
     with client.make_vec("Hopper", 2) as vec, pytest.MonkeyPatch.context() as patch:
         vec.reset(seed=3)
         expected = vec.get_state()
         patch.setattr(place, lambda *arguments: (use(), original(*arguments))[1])
         assert_same(vec.get_state(), expected)
-    assert refused
+        vec.send(np.zeros((2, 3)))
+        before = len(refused)
+        assert vec.recv()[0].shape == (2, 11)
+        assert len(refused) > before > 0
 
 
 def test_a_signal_reaches_a_call_that_waits() -> None:
