@@ -32,6 +32,7 @@ _LEVELS = ("random", "medium", "medium-replay", "expert", "medium-expert")
 _COMPLETE = {
     f"{task}/{level}" for task in ("HalfCheetah", "Hopper", "Walker2d") for level in _LEVELS
 }
+_COMPLETE |= {f"HalfCheetah/{level}" for level in ("late-expert", "medium-late-expert")}
 _COMPLETE |= {"HalfCheetah/action-delay", "Highway/random", "Highway/medium"}
 
 # Options of the command that change a recipe; --agent makes datasets that have none, too.
