@@ -108,7 +108,8 @@ std::string EffortOf(const Evidence& evidence) {
       "Compare with care. Seeds a cell: ours {}, the paper's 3. Updates: ours {}; the paper does "
       "not say how many it took, most of the authors of its algorithms take 1M. Datasets: the "
       "paper's are D4RL's, this project's are recordings of its own agents at the same levels, "
-      "which data/DATASHEET.md describes; the expert of HalfCheetah's scores 77, and that of late-expert 91.{}{}",
+      "which data/DATASHEET.md describes; the expert of HalfCheetah's scores 77, and that of "
+      "late-expert 91.{}{}",
       SeedsOf(evidence), UpdatesOf(evidence), D4rlRunsOf(evidence),
       lacking.empty() ? "" : fmt::format(" Nothing of {} has run yet.", lacking));
 }
