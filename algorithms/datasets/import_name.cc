@@ -23,9 +23,11 @@ Status CheckIsNoLevel(std::string_view dataset) {
                   recipe->name));
 }
 
+bool IsOfD4rl(std::string_view dataset) { return dataset.starts_with(kD4rlFolder); }
+
 Result<std::string> EnvironmentOfImport(std::string_view dataset,
                                         const std::vector<std::string>& environments) {
-  const bool is_d4rl = dataset.starts_with(kD4rlFolder);
+  const bool is_d4rl = IsOfD4rl(dataset);
   const std::string_view rest = dataset.substr(is_d4rl ? kD4rlFolder.size() : 0);
   const std::string part(rest.substr(0, rest.find(is_d4rl ? '-' : '/')));
   std::vector<std::string> known;

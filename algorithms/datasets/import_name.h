@@ -15,6 +15,9 @@ namespace b4mrl {
 // "medium-v0" by whoever asks for "HalfCheetah/medium". kInvalidArgument.
 Status CheckIsNoLevel(std::string_view dataset);
 
+// Whether it names a file of D4RL's, "d4rl/halfcheetah-medium-v2".
+bool IsOfD4rl(std::string_view dataset);
+
 // The one of `environments` that the name belongs to, "HalfCheetah" for "HalfCheetah/mine" and for
 // "d4rl/halfcheetah-medium-v2"; "" for a name of a foreign environment, which is allowed.
 // kUnknownName if the name is nearly that of an environment, as "halfcheetah/mine": its rows would

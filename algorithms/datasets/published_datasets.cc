@@ -54,6 +54,13 @@ Result<PublishedDatasets> ReadPublishedDatasets() {
   return ReadPublishedDatasets(SharedFolder("", B4MRL_DATA_FOLDER) + "/datasets.toml");
 }
 
+const PublishedDataset* PublishedOtherwise(const PublishedDatasets& published,
+                                           std::string_view name, std::string_view columns_sha256) {
+  const auto found = published.find(name);
+  const bool is_other = found != published.end() && found->second.columns_sha256 != columns_sha256;
+  return is_other ? &found->second : nullptr;
+}
+
 std::vector<std::string> Differences(const Recording& made, const PublishedDataset& published) {
   if (made.summary.columns_sha256 == published.columns_sha256) return {};
   std::vector<std::string> lines;

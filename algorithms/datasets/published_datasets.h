@@ -21,6 +21,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "algorithms/datasets/dataset_recording.h"
@@ -46,6 +47,11 @@ using PublishedDatasets = std::map<std::string, PublishedDataset, std::less<>>; 
 Result<PublishedDatasets> ReadPublishedDatasets(const std::string& path);
 // The file that comes with the program.
 Result<PublishedDatasets> ReadPublishedDatasets();
+
+// The figures published under a dataset's full name, if its rows, by their hash, are others; null
+// if they are these, or if none are published.
+const PublishedDataset* PublishedOtherwise(const PublishedDatasets& published,
+                                           std::string_view name, std::string_view columns_sha256);
 
 // What differs between a recording and the published dataset, one line each; none: its rows are
 // those that were published.

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "algorithms/datasets/import_name.h"
 #include "benchmarks/records/check.h"
 #include "benchmarks/records/json_file.h"
 
@@ -64,11 +65,10 @@ void SetApart(const PublishedDatasets& published, ScoredRun* run) {
   if (run->source == "self-scored" && !series.algorithm.empty()) {
     series.algorithm += " (self-scored)";
   }
-  const auto found = published.find(run->dataset_file);
   std::string data;
-  if (run->dataset_file.starts_with("d4rl/")) {
+  if (IsOfD4rl(run->dataset_file)) {
     data = "D4RL's data";
-  } else if (found != published.end() && run->columns_sha256 != found->second.columns_sha256) {
+  } else if (PublishedOtherwise(published, run->dataset_file, run->columns_sha256) != nullptr) {
     data = "other rows";
   }
   if (data.empty()) return;

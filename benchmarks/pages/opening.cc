@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/datasets/import_name.h"
 #include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/sections.h"
 
@@ -93,7 +94,7 @@ std::string Lacking(const Evidence& evidence) {
 // Runs on D4RL's own files; "" if there are none.
 std::string D4rlRunsOf(const Evidence& evidence) {
   const auto runs = std::ranges::count_if(evidence.table.runs(), [](const ScoredRun& run) {
-    return run.fills_a_cell && run.dataset_file.starts_with("d4rl/");
+    return run.fills_a_cell && IsOfD4rl(run.dataset_file);
   });
   if (runs == 0) return "";
   return fmt::format(" Of the runs here {} learned from D4RL's files, and have their own columns.",

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "algorithms/datasets/import_name.h"
 #include "algorithms/nn/products/precision.h"
 #include "data/files/toml_keys.h"
 #include "proto/base/folders.h"
@@ -19,7 +20,7 @@ constexpr uint64_t kMostSeeds = 10'000;  // of a cell
 // and "d4rl/halfcheetah-medium-expert-v2".
 std::string LevelOfDataset(const std::string& dataset) {
   const std::string name(WithoutVersion(dataset.substr(dataset.find('/') + 1)));
-  return dataset.starts_with("d4rl/") ? name.substr(name.find('-') + 1) : name;
+  return IsOfD4rl(dataset) ? name.substr(name.find('-') + 1) : name;
 }
 
 Result<BudgetException> ReadException(const toml::table& table, const std::string& where) {

@@ -95,6 +95,11 @@ size_t ChooseCars(const HighwayObservationSettings& settings, const Traffic& t,
   return std::min(count, settings.rows - 1);
 }
 
+bool Has(const HighwayObservationSettings& settings, HighwayFeature feature) {
+  return std::ranges::count(settings.columns, feature,
+                            &HighwayObservationSettings::Column::feature) > 0;
+}
+
 // What the presence of a car is in an observation; rows without a car have 0.
 double ShownPresence(const HighwayObservationSettings& settings) {
   const auto column = std::ranges::find(settings.columns, HighwayFeature::kPresence,
@@ -106,7 +111,7 @@ double ShownPresence(const HighwayObservationSettings& settings) {
 // A car's position (m) and velocity (m/s) as a row of an observation says them, and where it heads
 // (rad) if the observation says so.
 struct Sight {
-  bool is_present = false;
+  double shown_presence = 0;  // as the row has it
   double x = 0, y = 0, vx = 0, vy = 0;
   std::optional<double> heading, cos_heading, sin_heading;
 };
@@ -120,9 +125,7 @@ Sight ReadRow(const HighwayObservationSettings& settings, std::span<const double
       const NumberRange& range = *column.range;
       value = range.low + (value + 1) * (range.high - range.low) / 2;
     }
-    if (column.feature == HighwayFeature::kPresence) {
-      sight.is_present = row[k] / ShownPresence(settings) > 0.5;
-    }
+    if (column.feature == HighwayFeature::kPresence) sight.shown_presence = row[k];
     if (column.feature == HighwayFeature::kX) sight.x = value;
     if (column.feature == HighwayFeature::kY) sight.y = value;
     if (column.feature == HighwayFeature::kVx) sight.vx = value;
@@ -190,21 +193,14 @@ void ObserveTraffic(const HighwayObservationSettings& settings, const Traffic& t
 }
 
 bool DescribesTraffic(const HighwayObservationSettings& settings) {
-  const auto has = [&settings](HighwayFeature feature) {
-    return std::ranges::any_of(settings.columns,
-                               [feature](const auto& column) { return column.feature == feature; });
-  };
-  return ShownPresence(settings) != 0 && has(HighwayFeature::kX) && has(HighwayFeature::kY) &&
-         has(HighwayFeature::kVx) && has(HighwayFeature::kVy);
+  return ShownPresence(settings) != 0 && Has(settings, HighwayFeature::kX) &&
+         Has(settings, HighwayFeature::kY) && Has(settings, HighwayFeature::kVx) &&
+         Has(settings, HighwayFeature::kVy);
 }
 
 bool DescribesHeadings(const HighwayObservationSettings& settings) {
-  const auto has = [&settings](HighwayFeature feature) {
-    return std::ranges::count(settings.columns, feature,
-                              &HighwayObservationSettings::Column::feature) > 0;
-  };
-  return has(HighwayFeature::kHeading) ||
-         (has(HighwayFeature::kCosHeading) && has(HighwayFeature::kSinHeading));
+  return Has(settings, HighwayFeature::kHeading) ||
+         (Has(settings, HighwayFeature::kCosHeading) && Has(settings, HighwayFeature::kSinHeading));
 }
 
 bool TrafficFromObservation(const HighwayObservationSettings& settings, int lanes,
@@ -216,9 +212,10 @@ bool TrafficFromObservation(const HighwayObservationSettings& settings, int lane
   const size_t width = settings.columns.size();
   const Sight ego = ReadRow(settings, observation.first(width));
   Place(ego, lanes, t);
+  const double presence = ShownPresence(settings);
   for (size_t row = 1; row < settings.rows; ++row) {
     Sight sight = ReadRow(settings, observation.subspan(row * width, width));
-    if (!sight.is_present) continue;
+    if (!(sight.shown_presence / presence > 0.5)) continue;
     if (!settings.absolute) {
       sight.x += ego.x;
       sight.y += ego.y;
