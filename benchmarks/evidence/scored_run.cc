@@ -66,7 +66,7 @@ void SetApart(const PublishedDatasets& published, ScoredRun* run) {
     series.algorithm += " (self-scored)";
   }
   std::string data;
-  if (IsOfD4rl(run->dataset_file)) {
+  if (run->HasD4rlsData()) {
     data = "D4RL's data";
   } else if (PublishedOtherwise(published, run->dataset_file, run->columns_sha256) != nullptr) {
     data = "other rows";
@@ -82,6 +82,8 @@ bool HasScale(const CurvePoint& point) {
 }
 
 }  // namespace
+
+bool ScoredRun::HasD4rlsData() const { return IsOfD4rl(dataset_file); }
 
 std::optional<uint64_t> ScoredRun::LastEvaluation(uint64_t end) const {
   const auto after =

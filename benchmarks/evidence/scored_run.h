@@ -48,6 +48,8 @@ struct ScoredRun {
   bool is_part = false;
   std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
 
+  // Whether it learned from a file of D4RL's.
+  bool HasD4rlsData() const;
   // The updates of its last evaluation within so many; nothing if it had none.
   std::optional<uint64_t> LastEvaluation(uint64_t end) const;
   // The run as it was at that evaluation.

@@ -11,7 +11,6 @@
 #include <utility>
 #include <vector>
 
-#include "algorithms/datasets/import_name.h"
 #include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/sections.h"
 
@@ -94,7 +93,7 @@ std::string Lacking(const Evidence& evidence) {
 // Runs on D4RL's own files; "" if there are none.
 std::string D4rlRunsOf(const Evidence& evidence) {
   const auto runs = std::ranges::count_if(evidence.table.runs(), [](const ScoredRun& run) {
-    return run.fills_a_cell && IsOfD4rl(run.dataset_file);
+    return run.fills_a_cell && run.HasD4rlsData();
   });
   if (runs == 0) return "";
   return fmt::format(" Of the runs here {} learned from D4RL's files, and have their own columns.",
