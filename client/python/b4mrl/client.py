@@ -248,12 +248,12 @@ class Client(Shown):
             ledger: counts the rows; see `ledger()`.
 
         Returns:
-            next_observations (rows, *shape), rewards (rows,), terminated (rows,), valid (rows,). A
-            row is not valid, and all zeros, if one of its numbers is not finite or the physics
-            engine gave a warning.
+            next_observations (rows, *shape), rewards, terminated and valid (rows,). A row is not
+            valid, and all zeros, if a number of it is not finite or the physics engine warned.
 
         Raises:
             UnsupportedError: a perturbation depends on earlier steps (action-delay).
+            FailedPreconditionError: the client is closed.
         """
         return self.query_async(
             environment,

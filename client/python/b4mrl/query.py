@@ -13,7 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from b4mrl import config, simulators
-from b4mrl.errors import FailedPreconditionError, InvalidArgumentError, SessionLostError
+from b4mrl.errors import (
+    FailedPreconditionError,
+    InvalidArgumentError,
+    SessionLostError,
+    connection_closed,
+)
 from b4mrl.opening import Opening, open_session
 from b4mrl.wire import checks, limits
 from b4mrl.wire.arrays import Array, rows_that_fit
@@ -184,9 +189,15 @@ class QuerySessions:
         self._open = functools.partial(open_session, endpoint, routes, deadline_ms=deadline_ms)
         self._sessions: OrderedDict[tuple[str | int | None, ...], Session] = OrderedDict()
         self._draws: Counter[tuple[str, str, str]] = Counter()
+        self._is_closed = False
 
     def find(self, opening: Opening) -> Session:
-        """The session of that opening; opens it if there is none."""
+        """The session of that opening; opens it if there is none.
+
+        FailedPreconditionError: close was called; nobody would close what is opened now.
+        """
+        if self._is_closed:
+            raise connection_closed()
         key = _key_of(opening)
         session = self._sessions.pop(key, None)
         if session is None or session.is_foreign:
@@ -211,7 +222,8 @@ class QuerySessions:
             del self._sessions[key]
 
     def close(self) -> None:
-        """Closes all sessions."""
+        """Closes all sessions, and opens no more."""
+        self._is_closed = True
         while self._sessions:
             self._sessions.popitem()[1].close()
 

@@ -195,6 +195,14 @@ def test_a_closed_client_says_so_of_a_query_under_way(endpoint: str) -> None:
         query.result()
 
 
+def test_a_closed_client_opens_no_session_for_a_query(endpoint: str) -> None:
+    client = b4mrl.connect(endpoint)
+    client.close()
+    with pytest.raises(errors.FailedPreconditionError, match="^the connection is closed"):
+        client.query("HalfCheetah", np.zeros((2, 17)), np.zeros((2, 6)))
+    assert not client._query_sessions._sessions
+
+
 def test_queries_whose_answers_nobody_wants_are_dropped(client: b4mrl.Client) -> None:
     observations, actions = np.zeros((6 * 1024, 17)), np.zeros((6 * 1024, 6))
     under_way = [client.query_async("HalfCheetah", observations, actions) for _ in range(10)]
