@@ -128,6 +128,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   }
   LeaveOutCopies(marks, table.runs_.get(), &table.notes_);
   table.SortRuns();
+  table.UniteCells();
   table.AddCells(benchmarks);
   table.LeaveOutUnfinishedSeeds();
   table.MarkRunsInCells(benchmarks);
@@ -156,6 +157,28 @@ void ScoreTable::SortRuns() {
                       UINT64_MAX - group.rows, run.cell_key, run.seed, !run.ended,
                       UINT64_MAX - run.updates, run.precision != "fp32", run.precision);
   });
+}
+
+void ScoreTable::UniteCells() {
+  struct Names {
+    std::string recipe;  // the first that there is
+    std::set<std::string> benchmarks;
+  };
+  // A learner's scores by itself, and runs on other rows, are no runs of the cell.
+  const auto key_of = [](const ScoredRun& run) {
+    return std::tuple(run.cell_key, run.series.algorithm, run.series.has_other_data);
+  };
+  std::map<std::tuple<std::string, std::string, bool>, Names> cells;
+  for (const ScoredRun& run : *runs_) {
+    Names& names = cells[key_of(run)];
+    if (names.recipe.empty()) names.recipe = run.series.recipe;
+    names.benchmarks.insert(run.benchmarks.begin(), run.benchmarks.end());
+  }
+  for (ScoredRun& run : *runs_) {
+    const Names& names = cells.at(key_of(run));
+    run.series.recipe = names.recipe;
+    run.benchmarks.assign(names.benchmarks.begin(), names.benchmarks.end());
+  }
 }
 
 void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {

@@ -74,6 +74,9 @@ class ScoreTable {
   // most runs, then those with a finished one, with the most updates and with the most rows; of one
   // seed's results a finished one, then that with the most updates.
   void SortRuns();
+  // Gives the runs of a cell one name of their recipe and all the benchmarks that one of them
+  // names: each says what its own plan knew, by the suites and the budget of that day.
+  void UniteCells();
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
   // would be neither's.
   void LeaveOutUnfinishedSeeds();

@@ -90,8 +90,9 @@ std::string TitleOf(const Benchmark& benchmark, const std::vector<SeriesCurve>& 
       curves, [](const SeriesCurve& curve) { return !curve.cell->runs.front()->dataset.empty(); });
   // Learners from a simulator alone have the same curves on all benchmarks that share it.
   if (!use_data) {
-    return fmt::format("{}, {} simulator, without data", benchmark.environment,
-                       benchmark.simulator);
+    const std::string world = benchmark.world.empty() ? "" : ", in " + benchmark.world;
+    return fmt::format("{}{}, {} simulator, without data", benchmark.environment, world,
+                       benchmark.simulator.empty() ? "true" : benchmark.simulator);
   }
   return benchmark.name + (are_shortest ? "" : ", longer runs");
 }

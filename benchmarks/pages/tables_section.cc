@@ -92,9 +92,9 @@ std::vector<std::string> ChallengeTable::Row(const Benchmark& benchmark, std::st
 }
 
 std::string ChallengeTable::OwnEntry(const Benchmark& benchmark, const Series& series) const {
-  if (!benchmark.DefinedFor(series.algorithm)) return kNotDefined;
   const Cell* cell = evidence_.table.Find(benchmark.name, series);
-  return cell == nullptr ? kMissing : CellEntry(*cell);
+  if (cell != nullptr) return CellEntry(*cell);
+  return benchmark.DefinedFor(series.algorithm) ? kMissing : kNotDefined;
 }
 
 std::string ChallengeTable::PaperEntry(const Benchmark& benchmark, const Series& series) const {

@@ -8,7 +8,7 @@
 //   learner-updates = 100_000       # of a learner of the user's own
 //   evaluations = 50        # of a run, at equal distances
 //   episodes = 10           # of an evaluation
-//   rows = 10_000           # of each dataset, at most; left out: all
+//   rows = 10_000           # of each dataset that has a recipe, at most; left out: all
 //   seeds = 1               # runs of each cell, seeds 0, 1, ...
 //   [small.updates]         # by algorithm; an algorithm that is left out does not run
 //   sac = 250_000

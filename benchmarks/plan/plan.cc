@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "algorithms/base/hyperparameters.h"
+#include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/run/run_record.h"
 #include "benchmarks/plan/perturbation_names.h"
 #include "data/files/file_hash.h"
@@ -165,7 +166,8 @@ Result<Json> Planner::DescribeDataset(const std::string& name) {
   const auto found = datasets_.find(name);
   if (found != datasets_.end()) return found->second;
   B4MRL_ASSIGN_OR_RETURN(Json described, sources_.describe_dataset(name));
-  if (budget_.rows) {
+  // A file that somebody has imported cannot be made shorter.
+  if (budget_.rows && FindRecipe(name) != nullptr) {
     described["rows"] = std::min(*budget_.rows, described.value("rows", *budget_.rows));
   }
   datasets_.emplace(name, described);

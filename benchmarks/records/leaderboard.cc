@@ -99,6 +99,10 @@ std::set<std::string> KnownBenchmarks(
   return known;
 }
 
+std::set<std::string> NamesIn(const Json& result) {
+  return EntryOf(result, "benchmarks").get<std::set<std::string>>();
+}
+
 // Results of one cell.
 struct Cell {
   std::vector<const Json*> results;
@@ -242,11 +246,14 @@ Result<std::string> Leaderboard(const std::string& results_folder,
     copied.insert(&results[i]);
     if (skipped != nullptr) skipped->push_back(fmt::format("{}: {}", paths[i], copies[i].front()));
   }
+  // A result names the benchmarks that its own plan knew: a cell fills those that one of its names.
+  std::map<std::string, std::set<std::string>> filled;
+  for (const Json& result : results) filled[CellKey(result)].merge(NamesIn(result));
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
     const std::string key = CellKey(result);
-    for (const Json& name : EntryOf(result, "benchmarks")) {
-      Cell& cell = cells[name.get<std::string>()][key];
+    for (const std::string& name : filled.at(key)) {
+      Cell& cell = cells[name][key];
       const bool is_copy = copied.contains(&result);
       if (!is_copy) cell.Add(&result);
       cell.has_copies |= is_copy;

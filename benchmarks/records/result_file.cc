@@ -120,6 +120,7 @@ Result<RunOutcome> OutcomeOfTraining(const std::string& folder) {
   if (CountOf(result, "updates") == outcome.curve.back().updates) {
     outcome.returns = EntryOf(result, "returns");
   }
+  outcome.columns_sha256 = TextOf(result, "dataset_columns_sha256");
   outcome.hyperparameters = EntryOf(record, "hyperparameters");
   outcome.sessions = EntryOf(record, "sessions");
   outcome.processor = TextOf(record, "processor");
@@ -182,12 +183,26 @@ void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json
                 {"settled", settled ? Json(*settled) : Json()}});
 }
 
-// A further scoring changes nothing of what was trained, for which budget and by which program.
+// Adds those that are not there yet. Returns whether there was one.
+bool AddBenchmarks(const std::vector<std::string>& more, Json* json) {
+  std::vector<std::string> names = TextsOf(*json, "benchmarks");
+  const size_t named = names.size();
+  for (const std::string& name : more) {
+    if (std::ranges::find(names, name) == names.end()) names.push_back(name);
+  }
+  (*json)["benchmarks"] = names;
+  return names.size() > named;
+}
+
+// What stays of the result that `json` is to replace. A plan with fewer suites takes no benchmark
+// away, and a further scoring changes nothing of what was trained on which rows, for which budget
+// and by which program.
 void KeepOrigin(const std::string& path, Json* json) {
   const Result<Json> before = ReadJsonObject(path);
-  if (!before.ok() || !IsTrue(*before, "finished") || EntryOf(*before, "curve") != (*json)["curve"])
-    return;
-  for (const char* key : {"budget", "planned_updates", "version", "commit"}) {
+  if (!before.ok()) return;
+  AddBenchmarks(TextsOf(*before, "benchmarks"), json);
+  if (!IsTrue(*before, "finished") || EntryOf(*before, "curve") != (*json)["curve"]) return;
+  for (const char* key : {"budget", "planned_updates", "version", "commit", "dataset"}) {
     if (before->contains(key)) (*json)[key] = EntryOf(*before, key);
   }
 }
@@ -236,6 +251,12 @@ Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_fol
                                                                   : OutcomeOfTraining(run_folder));
   const Curve& curve = outcome.curve;
   if (curve.empty()) return 0;
+  if (dataset && !outcome.columns_sha256.empty() &&
+      dataset->columns_sha256 != outcome.columns_sha256) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("{} has other rows now than those that {} learned from",
+                              dataset->name, run.name));
+  }
   const uint64_t updates = curve.back().updates;
   B4MRL_ASSIGN_OR_RETURN(const auto before, ReadResult(path));
   if (before && HasComeFurther(*before, outcome, origin)) return updates;
@@ -268,14 +289,7 @@ Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_fol
 Status NameAllBenchmarks(const PlannedRun& run, const std::string& results_folder) {
   const std::string path = ResultPath(results_folder, run);
   B4MRL_ASSIGN_OR_RETURN(Json json, ReadJsonObject(path));
-  std::vector<std::string> names = TextsOf(json, "benchmarks");
-  const size_t named = names.size();
-  for (const std::string& name : run.all_benchmarks) {
-    if (std::ranges::find(names, name) == names.end()) names.push_back(name);
-  }
-  if (names.size() == named) return Status();
-  json["benchmarks"] = names;
-  return WriteSmallFile(path, LinesOf(json));
+  return AddBenchmarks(run.all_benchmarks, &json) ? WriteSmallFile(path, LinesOf(json)) : Status();
 }
 
 bool RunResult::IsDone(const PlannedRun& run, uint64_t target) const {
@@ -290,7 +304,8 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   result.finished = IsTrue(json, "finished");
   result.updates = CountOf(json, "updates").value_or(0);
   result.planned_updates = CountOf(json, "planned_updates").value_or(0);
-  result.settled = IsTrue(json, "settled");
+  const Json& settled = EntryOf(json, "settled");
+  if (settled.is_boolean()) result.settled = settled.get<bool>();
   result.score = NumberOf(json, "score");
   result.mean_return = NumberOf(json, "return").value_or(0);
   result.seconds = NumberOf(json, "seconds").value_or(0);

@@ -40,6 +40,7 @@ struct RunOutcome {
   // Of a user's learner: what it was asked to do, and which command has done it.
   std::optional<uint64_t> planned_updates;
   std::string learner_sha256;
+  std::string columns_sha256;  // of the rows that `b4mrl train` learned from; "": it used none
   std::string source = "own";  // "user": a learner of the user's own; "self-scored": by itself
   // JSON of these entries of a result.
   nlohmann::ordered_json returns = nlohmann::ordered_json::array();
@@ -53,7 +54,7 @@ struct RunResult {
   bool finished = false;           // the updates that it was told to do were done
   uint64_t updates = 0;            // of its last evaluation
   uint64_t planned_updates = 0;    // that it was told to do
-  bool settled = false;            // its mean score no longer moves (Fifths)
+  std::optional<bool> settled;     // its mean score no longer moves (Fifths); none: nobody can say
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included; a kept ensemble is free
@@ -85,7 +86,8 @@ std::string ScoringPath(const std::string& run_folder, const Scoring& scoring);
 // its folder; `dataset` is unset for runs without one. Does nothing while the run has no
 // evaluation, nor while there is a result that has come further: a finished one, of a run that goes
 // on, or that of a run that was begun anew. Returns the updates of the run's last evaluation; 0:
-// there is none. Errors: kIoError, kDataLoss.
+// there is none. Errors: kIoError, kDataLoss; kFailedPrecondition: `dataset` has other rows than
+// those that the run learned from.
 Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_folder,
                                const std::optional<UsedDataset>& dataset,
                                const ResultOrigin& origin, const std::string& results_folder);

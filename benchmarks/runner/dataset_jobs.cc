@@ -24,6 +24,13 @@ Result<std::optional<UsedDataset>> DatasetJobs::Find(const std::string& full_nam
   return found == listed.end() ? std::nullopt : std::optional(*found);
 }
 
+Result<std::optional<UsedDataset>> DatasetJobs::FindCounted(const std::string& full_name) const {
+  B4MRL_ASSIGN_OR_RETURN(auto found, Find(full_name));
+  if (!found || !found->columns_sha256.empty()) return found;
+  B4MRL_RETURN_IF_ERROR(client_.OpenDataset(full_name).status());
+  return Find(full_name);
+}
+
 std::string DatasetJobs::Refusal(const PlannedRun& run, const UsedDataset& dataset) const {
   const std::string way_out = fmt::format(
       "make it again (b4mrl dataset make {} --replace), or choose another --data-folder",

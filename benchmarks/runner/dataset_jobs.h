@@ -34,6 +34,9 @@ class DatasetJobs {
 
   // None if the data folder does not have it.
   Result<std::optional<UsedDataset>> Find(const std::string& full_name) const;
+  // The same with its rows counted, for which it is opened if they are not. A file that was made
+  // again is not counted until somebody opens it.
+  Result<std::optional<UsedDataset>> FindCounted(const std::string& full_name) const;
   // Why a run must not train on it: its rows are not those for which the run was planned. "": they
   // are, or nobody has counted them yet.
   std::string Refusal(const PlannedRun& run, const UsedDataset& dataset) const;

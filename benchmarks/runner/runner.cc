@@ -358,10 +358,7 @@ Status Runner::WriteResult(Task& task) {
   task.written = bytes;  // also of an attempt that fails, which is reported once
   std::optional<UsedDataset> dataset;
   if (!task.run->dataset.empty()) {
-    if (is_users) {  // which may have opened no dataset; its rows are counted when it is opened
-      B4MRL_RETURN_IF_ERROR(client_.OpenDataset(task.run->full_dataset).status());
-    }
-    B4MRL_ASSIGN_OR_RETURN(dataset, datasets_.Find(task.run->full_dataset));
+    B4MRL_ASSIGN_OR_RETURN(dataset, datasets_.FindCounted(task.run->full_dataset));
     if (!dataset) {
       return Status(StatusCode::kFailedPrecondition,
                     fmt::format("{} is gone, so the result of {} cannot say what it learned from",

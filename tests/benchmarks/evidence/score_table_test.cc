@@ -27,6 +27,23 @@ TEST_CASE("Runs that differ in their seed alone are one cell of all benchmarks t
   CHECK(table.notes().empty());
 }
 
+TEST_CASE("Seeds fill one cell though their plans knew other benchmarks and recipes' names") {
+  const MadeResults results(
+      {{.algorithm = "mopo", .benchmarks = {kMedium}, .score = 40, .recipe = "paper", .cell = "c"},
+       {.algorithm = "mopo",
+        .benchmarks = {kClean, kMedium},
+        .score = 44,
+        .seed = 1,
+        .cell = "c"}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.series() == std::vector<Series>{{"mopo", "paper"}});
+  for (const char* name : {kClean, kMedium}) {
+    REQUIRE(table.Find(name, {"mopo", "paper"}) != nullptr);
+    CHECK(table.Find(name, {"mopo", "paper"})->Mean() == 42);
+  }
+  CHECK(table.notes().empty());
+}
+
 TEST_CASE("Recipes are series of their own, and the budget's or the fullest is the main one") {
   const MadeResults results(
       {{.algorithm = "mopo", .benchmarks = {kMedium}, .score = 40, .recipe = "paper"},

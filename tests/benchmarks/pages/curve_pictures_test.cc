@@ -75,6 +75,19 @@ TEST_CASE("Much longer runs have a panel of their own, once, and end as a dashed
   CHECK(panels[2].title == kExpert);
 }
 
+TEST_CASE("The title of curves without data tells their world and a true simulator") {
+  constexpr char kDelayed[] = "HalfCheetah/action-delay/gravity+action-delay";
+  constexpr char kClean[] = "HalfCheetah/clean/medium";
+  MadeResults results({});
+  results.Add(LongerResult({.algorithm = "sac", .benchmarks = {kClean}, .score = 80}, 4));
+  results.Add(LongerResult({.algorithm = "sac", .benchmarks = {kDelayed}, .score = 35}, 4));
+  std::vector<std::string> titles;
+  for (const Panel& panel : PanelsOf(results)) titles.push_back(panel.title);
+  CHECK(titles ==
+        std::vector<std::string>{"HalfCheetah, true simulator, without data",
+                                 "HalfCheetah, in action-delay, gravity simulator, without data"});
+}
+
 TEST_CASE("Runs of similar lengths share a panel") {
   MadeResults results({{.algorithm = "iql", .benchmarks = {kMedium}, .score = 40}});
   results.Add(LongerResult({.algorithm = "sac", .benchmarks = {kMedium}, .score = 35}, 4));

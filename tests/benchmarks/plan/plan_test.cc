@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <set>
+#include <span>
 
 #include "algorithms/list.h"
 #include "benchmarks/plan/suite_plan.h"
@@ -235,6 +236,22 @@ TEST_CASE("A learner of the user's own has one run for each benchmark that is de
   CHECK(found->scorings[1].name == "full");
   // Benchmarks that name their algorithms are not for others.
   CHECK(Take(MakePlan(OwnBenchmarks("HalfCheetah/controls/*"), small, choice, sources)).empty());
+}
+
+TEST_CASE("A budget shortens the datasets that have a recipe, and no imported one") {
+  const PlanSources sources = {Algorithms(), &Presets(),
+                               [](const std::string& name) -> Result<nlohmann::json> {
+                                 return nlohmann::json{{"name", name}, {"rows", 2'000'000}};
+                               }};
+  Benchmark benchmark = OwnBenchmarks("HalfCheetah/clean/medium").front();
+  Budget budget = PaperBudget();
+  budget.rows = 10'000;
+  const auto rows_of = [&](const std::string& dataset) {
+    benchmark.dataset = dataset;
+    return Take(MakePlan(std::span(&benchmark, 1), budget, {{"iql"}, {0}}, sources)).front().rows;
+  };
+  CHECK(rows_of("HalfCheetah/medium") == 10'000);
+  CHECK(rows_of("d4rl/halfcheetah-medium-v2") == 2'000'000);
 }
 
 TEST_CASE("A user's learner is refused a name that says something else") {

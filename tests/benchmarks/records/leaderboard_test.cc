@@ -237,6 +237,20 @@ TEST_CASE("A result on another version of a benchmark's dataset is no row of it"
              Catch::Contains("its dataset is E/data-v0, its benchmark's E/data"));
 }
 
+TEST_CASE("A cell fills the benchmarks that one of its seeds names") {
+  Results results;
+  for (const uint64_t seed : {0, 1}) {
+    Json json = ResultOf("iql", seed, 10 + static_cast<double>(seed));
+    json["benchmarks"] = {"E/a"};
+    if (seed == 1) json["benchmarks"].push_back("E/b");
+    results.Add(json);
+  }
+  const auto rows = results.Rows();
+  REQUIRE(rows.size() == 2);
+  CHECK(rows[0].substr(0, 4) == "E/a,");
+  CHECK(rows[1] == "E/b" + rows[0].substr(3));
+}
+
 TEST_CASE("Where a curve is too short to say whether it has settled, the column is blank") {
   Results results;
   Json json = ResultOf("mine", 0, 10);

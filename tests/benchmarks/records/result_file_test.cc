@@ -35,9 +35,10 @@ class Folders {
   std::string run() const { return folder_.File("run"); }
   std::string results() const { return folder_.File("results"); }
   std::string path() const { return ResultPath(results(), planned_); }
-  void State(const std::string& state) {
+  void State(const std::string& state, const std::string& rows_sha256 = "") {
     WriteBytes(run() + "/result.json",
-               R"({"state": ")" + state + R"(", "updates": 500, "returns": [1, 2]})");
+               R"({"state": ")" + state + R"(", "updates": 500, "returns": [1, 2], )" +
+                   R"("dataset_columns_sha256": ")" + rows_sha256 + R"("})");
   }
   void AskFor(uint64_t updates) { planned_.updates = updates; }
   // Names the benchmarks of a plan whose run fills these cells.
@@ -112,6 +113,38 @@ TEST_CASE("A run is settled if its last two fifths agree") {
   CHECK(settled(40, 41.5));
   CHECK_FALSE(settled(40, 41.6));
   CHECK_FALSE(settled(40, 38));
+}
+
+TEST_CASE("A result takes no rows for those that the run learned from which are others now") {
+  Folders folders;
+  folders.State("running", "bb");
+  folders.Progress("100,5,1,10,1,20\n");
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
+  folders.Progress("100,5,1,10,1,20\n200,7,3,12,1,22.5\n");
+  const Status refused = folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "cc"});
+  CHECK(refused.code() == StatusCode::kFailedPrecondition);
+  CHECK(refused.message().find("HalfCheetah/medium-v0 has other rows now") == 0);
+  CHECK(folders.Written()["updates"] == 100);
+}
+
+TEST_CASE("A further scoring of a finished run leaves what it learned from as it was") {
+  Folders folders;
+  folders.State("finished");
+  folders.Progress("500,5,1,10,1,20\n");
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "dd", "bb"}));
+  CHECK(folders.Written()["dataset"]["sha256"] == "aa");
+}
+
+TEST_CASE("A result keeps the benchmarks that a plan with more suites has named") {
+  Folders folders;
+  folders.Progress("100,5,1,10,1,20\n");
+  RequireOk(folders.Write());
+  RequireOk(folders.Name({"HalfCheetah/mine/medium"}));
+  folders.Progress("100,5,1,10,1,20\n200,7,3,12,1,22.5\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written()["updates"] == 200);
+  CHECK(folders.Written()["benchmarks"].size() == 2);
 }
 
 TEST_CASE("A run that was begun anew replaces its result once it has come as far") {
