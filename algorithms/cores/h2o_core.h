@@ -31,7 +31,8 @@ class MetricMeans;
 // The rows whose standard deviation is the unit of gap_noise.
 enum class GapNoiseStd {
   // The rows of the authors' replay array: the dataset's observations and ten times as many zero
-  // rows, reserved for simulated data. Gives about 0.3 of kData's deviation where the mean is 0.
+  // rows, reserved for simulated data. Gives 0.3 of kData's deviation where the mean is 0, and more
+  // than that deviation where the mean is beyond 3.3 deviations.
   kPadded,
   kData,  // the dataset's observations, as the same laboratory's later code (D2C) has it
 };

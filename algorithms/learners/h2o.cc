@@ -14,8 +14,8 @@
 //            (cores/h2o_core.h and cores/h2o_losses.h have the losses)
 //
 // The gap between the two dynamics at (s, a) is estimated from noisy copies of s'. By default the
-// noise has the standard deviation of the authors' code, which is about 0.3 of that of D's
-// observations (GapNoiseStd in cores/h2o_core.h).
+// noise has the standard deviation of the authors' code, which is not that of D's observations
+// (GapNoiseStd in cores/h2o_core.h).
 //
 // The policy sees what D shows: dimensions hidden in D are zero in B, too. There is no warm-up.
 // An episode that ends by the step limit keeps d = 0.
@@ -195,7 +195,7 @@ HyperparameterTable Table() {
            {.unit = "gap-noise-std", .source = kAuthors}),
       Choice("gap-noise-std", "padded|data", 0,
              "rows that define gap-noise's unit: the dataset's (data), or the authors' "
-             "zero-padded buffer, about 0.3 of it (padded)",
+             "zero-padded buffer, 0.3 of it where the mean is 0, more elsewhere (padded)",
              "padded: t6-thu/H2O, which the paper's authors ran; data: D2C, by the same "
              "authors"),
       Real("gap-max", 10, {1e-9, 1e9},

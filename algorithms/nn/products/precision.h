@@ -2,9 +2,9 @@
 //
 // bf16 rounds the factors of a product to 8 significant bits and sums in fp32; processors with
 // AVX512-BF16 (AMD since Zen 4, Intel Cooper Lake and Sapphire Rapids) then multiply twice as many
-// numbers a cycle. Networks use it for the products of layers between two hidden layers. Weights,
-// optimisers, target networks, first layers and output layers stay in fp32. Thread rule: pure
-// functions.
+// numbers a cycle. Networks use it for the products of layers between two hidden layers. The
+// weights of all networks, targets included, optimisers, first layers and output layers stay in
+// fp32. Thread rule: pure functions.
 #pragma once
 
 #include <optional>
