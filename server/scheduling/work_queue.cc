@@ -147,6 +147,14 @@ std::optional<Piece> WorkQueue::TakeLocked(bool bite) {
   return piece;
 }
 
+bool WorkQueue::NextIsTooLong() const {
+  const auto any = [](uint32_t) { return true; };
+  const std::optional<uint32_t> kind = kinds_.Next(any);
+  if (!kind) return false;
+  const Line& line = lines_[*kind];
+  return line.work[*line.sessions.Next(any)].front()->cost->too_long_for_bites();
+}
+
 std::optional<Piece> WorkQueue::Take(Spinner& spinner) {
   std::unique_lock lock(mutex_);
   while (!stopped_) {
@@ -176,8 +184,9 @@ void WorkQueue::AwaitInvitation(std::unique_lock<std::mutex>& lock, Spinner& spi
 std::optional<Piece> WorkQueue::TryTakeBite() {
   std::unique_lock lock(mutex_);
   if (stopped_) return std::nullopt;
+  const bool leaves_next = threads_ == 1 && NextIsTooLong();
   const std::optional<Piece> piece = TakeLocked(true);
-  bites_left_it_ = !piece && !kinds_.empty();
+  bites_left_it_ = leaves_next || (!piece && !kinds_.empty());
   if (!bites_left_it_) return piece;
   stand_in_waits_ = false;  // it is told to work
   lock.unlock();

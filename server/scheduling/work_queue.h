@@ -14,7 +14,8 @@
 // The socket's thread takes small pieces, bites, from the front of a request, the threads of the
 // pool take theirs from its end: when a session sends the same lanes again and again, each thread
 // finds its lanes in its core's cache. Items that take too long for a bite are left to a stand-in,
-// one thread more, which works while the socket's thread finds nothing but such items.
+// one thread more, which works while the socket's thread finds nothing but such items. Where there
+// is no pool, which would take them in their turn, it also works when they are next.
 //
 // Thread-safe. The queue owns nothing: the owner of a QueuedWork keeps it until its last piece was
 // executed, and finds that out by itself.
@@ -88,8 +89,8 @@ class WorkQueue {
   std::optional<Piece> Take(Spinner& spinner);
   // For the socket's thread: a bite, if any work has items that are short enough.
   std::optional<Piece> TryTakeBite();
-  // For the stand-in: waits until TryTakeBite has found nothing but items that are too long, then
-  // takes a piece of them; nothing once Stop was called.
+  // For the stand-in: waits until TryTakeBite has found nothing but items that are too long or,
+  // without a pool, such items next, then takes a piece; nothing once Stop was called.
   std::optional<Piece> TakeInstead();
   // All items left of `work`, which is in the queue, if its deadline has passed and may end it.
   std::optional<Piece> TakeExpired(QueuedWork* work);
@@ -114,6 +115,8 @@ class WorkQueue {
   Line& LineOf(const QueuedWork& work) { return lines_[static_cast<size_t>(work.work_kind)]; }
   // Takes a piece of any work, or, if `bite`, a bite of work whose items are short enough.
   std::optional<Piece> TakeLocked(bool bite);
+  // Whether the work that is next, of all, has items that are too long for a bite.
+  bool NextIsTooLong() const;
   Piece Cut(QueuedWork* work, bool bite);
   // Takes up to `count` items out of those that are left, from their front or from their end.
   QueuedWork::Range TakeItems(QueuedWork* work, uint32_t count, bool from_front);
@@ -140,8 +143,8 @@ class WorkQueue {
   uint32_t spinning_ = 0;
   uint32_t sleeping_ = 0;
   std::atomic<uint32_t> invitations_ = 0;  // of threads that spin; at most spinning_
-  bool bites_left_it_ = false;   // the last TryTakeBite found only items that are too long
-  bool stand_in_waits_ = false;  // in TakeInstead, without having been told to work
+  bool bites_left_it_ = false;             // the last TryTakeBite left items to the stand-in
+  bool stand_in_waits_ = false;            // in TakeInstead, without having been told to work
 };
 
 }  // namespace b4mrl

@@ -1,39 +1,17 @@
 #include "server/scheduling/work_queue.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <atomic>
 #include <catch2/catch.hpp>
-#include <fstream>
-#include <iterator>
 #include <memory>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "tests/server/scheduling/queued_work.h"
+
 namespace b4mrl {
 namespace {
-
-// What an item costs for good, in microseconds. A piece is half a millisecond, a bite a tenth.
-struct Cost : ItemCost {
-  explicit Cost(double us) { Observe(us); }
-};
-
-QueuedWork Work(uint32_t session, WorkKind kind, uint32_t items, ItemCost& cost) {
-  QueuedWork work;
-  work.session = session;
-  work.work_kind = kind;
-  work.items = items;
-  work.cost = &cost;
-  work.deadline = Deadline::AfterMs(1'000'000);
-  return work;
-}
-
-std::optional<Piece> Take(WorkQueue& queue) {
-  Spinner spinner({});
-  return queue.Take(spinner);
-}
 
 // The sessions of the next `count` bites, in order.
 std::string Order(WorkQueue& queue, int count) {
@@ -161,55 +139,6 @@ TEST_CASE("Pieces are cut by what items cost when they are taken, not when they 
   REQUIRE(queue.TryTakeBite()->count == 10);
   for (int i = 0; i < 10; ++i) cost.Observe(8000);
   REQUIRE(Take(queue)->count == 1);
-}
-
-TEST_CASE("Items that are too long for bites are left to the pool and the stand-in") {
-  WorkQueue queue(1);
-  Cost costly(8000), cheap(20);
-  QueuedWork query = Work(1, WorkKind::kQuery, 3, costly);
-  QueuedWork step = Work(2, WorkKind::kLanes, 1, cheap);
-  queue.Push(&query);
-  REQUIRE_FALSE(queue.TryTakeBite());
-  REQUIRE(queue.TakeInstead()->work == &query);
-  queue.Push(&step);
-  REQUIRE(queue.TryTakeBite()->work == &step);
-  REQUIRE(Take(queue)->work == &query);
-  REQUIRE_FALSE(queue.TryTakeBite());
-  REQUIRE(queue.TakeInstead()->work == &query);
-  REQUIRE(queue.empty());
-}
-
-// Whether the kernel says that a thread of this process waits for something.
-bool Waits(pid_t thread) {
-  std::ifstream stat("/proc/self/task/" + std::to_string(thread) + "/stat");
-  const std::string line(std::istreambuf_iterator<char>(stat), {});
-  const size_t state = line.rfind(')') + 2;
-  return state < line.size() && line[state] == 'S';
-}
-
-TEST_CASE("Items that are too long for the caller wake the pool while the stand-in is at work") {
-  WorkQueue queue(2);
-  Cost costly(8000);
-  QueuedWork first = Work(1, WorkKind::kLanes, 1, costly);
-  QueuedWork second = Work(2, WorkKind::kLanes, 1, costly);
-  queue.Push(&first);
-  REQUIRE_FALSE(queue.TryTakeBite());
-  REQUIRE(queue.TakeInstead()->work == &first);  // and is at it
-  std::atomic<pid_t> pool_id = 0;
-  std::atomic<QueuedWork*> taken = nullptr;
-  std::thread pool([&] {
-    pool_id = gettid();
-    if (const auto piece = Take(queue)) taken = piece->work;
-  });
-  const Deadline patience = Deadline::AfterMs(10'000);
-  while ((pool_id == 0 || !Waits(pool_id)) && !patience.expired()) std::this_thread::yield();
-  queue.Push(&second);
-  while (taken == nullptr && !patience.expired()) std::this_thread::yield();
-  const bool was_woken = taken != nullptr;
-  queue.Stop();
-  pool.join();
-  REQUIRE(was_woken);
-  REQUIRE(taken == &second);
 }
 
 TEST_CASE("Work whose deadline passed before it began comes out whole and unexecuted") {
