@@ -44,6 +44,7 @@ class Pace {
 // Leaves out what a peer may have sent around the payload, which can take much memory.
 void KeepPayloadAlone(PendingRequest* pending) {
   pending->request.clear_arrays();
+  pending->request.clear_session_token();
   pending->request.DiscardUnknownFields();
   pending->request = pb::Request(pending->request);  // a copy has no room for what was cleared
   pending->contents.reset();

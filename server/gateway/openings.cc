@@ -218,8 +218,9 @@ void Openings::ReadWorker(uint32_t index) {
   }
   const uint32_t connections = worker.socket.connections();
   if (connections == worker.connections) return;
-  const bool is_first = std::exchange(worker.connections, connections) == 0;
-  if (is_first) return;  // messages that were sent before it are still queued
+  const bool had_none = std::exchange(worker.connections, connections) == 0;
+  // What was sent before the first connection is still queued, unless that has ended meanwhile.
+  if (had_none && connections == 1) return;
   for (const auto& [generation, attach] : attaches_) {
     if (attach.worker == index) unsent_.insert(generation);
   }

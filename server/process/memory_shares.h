@@ -17,9 +17,9 @@ namespace b4mrl {
 struct WorkerShares {
   uint64_t simulators;  // of all sessions
   UnreadLimits unread;  // replies that clients have not read, whatever way they go
-  size_t requests;      // payloads of requests under way
+  size_t requests;      // requests under way and their replies, other than pictures
   size_t unfinished;    // messages of local doors that have not come entirely
-  size_t pictures;      // replies to Renders under way
+  size_t pictures;      // replies to Renders under way, and the states that they show
 };
 WorkerShares WorkerSharesOf(uint64_t allowed_bytes);
 

@@ -15,7 +15,7 @@ namespace b4mrl {
 namespace {
 
 constexpr uint64_t kMagic = 0x62346d726c2d7368;  // "b4mrl-sh"
-constexpr uint32_t kVersion = 1;
+constexpr uint32_t kVersion = 2;
 
 }  // namespace
 

@@ -8,7 +8,7 @@
 //     all others                        the child itself
 //   ThreadMark                          its thread; of a worker that it kills, the supervisor
 //   SessionRecord: steps,               the session's worker, while the session is opening or live
-//     closed_generation, simulator_hash
+//     closing_generation, closed_generation, simulator_hash
 //     last_activity_ms, build_deaths    the gateway and the session's worker
 //     all others                        the gateway
 //   LaneSlot                            the session's worker
@@ -98,9 +98,10 @@ struct alignas(64) SessionRecord {
   std::atomic<uint32_t> worker;
   std::atomic<uint32_t> first_lane;
   std::atomic<uint32_t> lane_count;
-  std::atomic<uint64_t> generation;         // never repeats; its lanes carry it too
-  std::atomic<uint64_t> closed_generation;  // the last generation that its worker was done with
-  std::atomic<int64_t> last_activity_ms;    // MonotonicMs()
+  std::atomic<uint64_t> generation;          // never repeats; its lanes carry it too
+  std::atomic<uint64_t> closing_generation;  // the last one whose Close waits for its requests
+  std::atomic<uint64_t> closed_generation;   // the last generation that its worker was done with
+  std::atomic<int64_t> last_activity_ms;     // MonotonicMs()
   std::atomic<uint64_t> steps;
   std::atomic<uint32_t> build_deaths;    // workers in a row that died while they built the session
   std::atomic<uint64_t> simulator_hash;  // of the simulator that wrote the lanes' records

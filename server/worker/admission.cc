@@ -18,7 +18,7 @@ uint64_t Mib(uint64_t bytes) { return (bytes + (1 << 20) - 1) >> 20; }
 }  // namespace
 
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
-                    const WorkUnderWay& all, size_t payload_share) {
+                    const WorkUnderWay& all, size_t share) {
   if (RequestIsRefused(session.record(), request.request_id())) {
     return Status(StatusCode::kInternal,
                   "this request ended its worker again and again, and is not repeated");
@@ -42,19 +42,26 @@ Status CheckRequest(const Session& session, const pb::Request& request, const Fr
                               bytes, renders + (request.has_render() ? 1 : 0),
                               limits::kMaxSessionBytes, limits::kMaxSessionRenders));
   }
-  if (all.requests >= limits::kMaxQueuedRequests ||
-      !FitsShare(all.payload_bytes, payload.size(), payload_share)) {
+  if (all.requests >= limits::kMaxQueuedRequests) {
     return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the worker has {} requests of {} bytes waiting, at most {} and {}",
-                              all.requests, all.payload_bytes, limits::kMaxQueuedRequests,
-                              payload_share));
+                  fmt::format("the worker has {} requests waiting, at most {}", all.requests,
+                              limits::kMaxQueuedRequests));
   }
+  B4MRL_RETURN_IF_ERROR(CheckHeldBytes(all.bytes, payload.size(), share));
   if (request.has_render() && all.renders >= limits::kMaxRenderRequests) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("the worker has {} requests for pictures waiting, at most {}",
                               all.renders, limits::kMaxRenderRequests));
   }
   return Status();
+}
+
+Status CheckHeldBytes(size_t held, size_t more, size_t share) {
+  if (FitsShare(held, more, share)) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("the worker's requests under way and their replies would have {} "
+                            "bytes, at most {} (by `b4mrl serve --memory`)",
+                            held + more, share));
 }
 
 Status CheckSimulators(const Simulator& added, const std::set<const Simulator*>& all,

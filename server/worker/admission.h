@@ -17,15 +17,18 @@ namespace b4mrl {
 // The requests of all sessions under way.
 struct WorkUnderWay {
   size_t requests = 0;
-  size_t payload_bytes = 0;
+  size_t bytes = 0;  // of their payloads and their replies
   uint32_t renders = 0;
 };
 
-// OK if `request` of the session may proceed; payloads of all requests may take `payload_share`
+// OK if `request` of the session may be examined; all requests and their replies may take `share`
 // bytes. Else the error: the request has ended its worker too often, or a limit on requests is
 // reached.
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
-                    const WorkUnderWay& all, size_t payload_share);
+                    const WorkUnderWay& all, size_t share);
+// kLimitExceeded if a request that would hold `more` bytes with its reply does not fit the share,
+// of which `held` are taken.
+Status CheckHeldBytes(size_t held, size_t more, size_t share);
 
 // Whether a worker may take `added`, after which it has the simulators `all`, each of them stepped
 // by `threads` threads. kLimitExceeded if they could come to take more than `allowed_bytes`;

@@ -109,6 +109,7 @@ void Dispatcher::HandleClose(const Asker& from, const std::string& token,
                                  limits::kMaxRequestsInFlight, limits::kMaxRequestsInFlight)));
   }
   session->closing = true;
+  session->record().closing_generation.store(session->generation());
   if (session->in_flight().empty()) return EndSession(session);
   SweepAfter(deadline);
 }
@@ -145,6 +146,8 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
         ScopedMark::OfRequest(&own_mark(), session->index(), request.request_id());
     B4MRL_RETURN_IF_ERROR(job->Prepare(request));
   }
+  job->held_bytes = job->payload().size() + job->planned_reply_bytes();
+  B4MRL_RETURN_IF_ERROR(CheckHeldBytes(queued_bytes_, job->held_bytes, memory_.requests));
   job->sender = from.peer;
   job->contents = contents;
   job->received = Clock::now();
@@ -171,7 +174,7 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
   RequestJob* job = owned.get();
   Session& session = job->owner();
   jobs_[job] = std::move(owned);
-  queued_bytes_ += job->payload().size();
+  queued_bytes_ += job->held_bytes;
   if (job->waits_for_painter()) ++painter_jobs_;
   session.in_flight()[job->request_id()] = job;
   for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
@@ -246,7 +249,7 @@ void Dispatcher::Finish(RequestJob* job) {
   } else {
     replies_.Reply({job->sender, job->request_id()}, reply.status());
   }
-  queued_bytes_ -= job->payload().size();
+  queued_bytes_ -= job->held_bytes;
   if (job->waits_for_painter()) --painter_jobs_;
   jobs_.erase(job);
   if (session.closing && session.in_flight().empty()) EndSession(&session);

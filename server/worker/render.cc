@@ -20,7 +20,7 @@ class RenderJob : public RequestJob {
     // end those that are left.
     ends_at_deadline = true;
   }
-  ~RenderJob() override { owner().pictures->GiveBack(held_bytes_); }
+  ~RenderJob() override { owner().pictures->GiveBack(held_share_); }
   Status Prepare(const pb::Request& request) override;
   bool waits_for_painter() const override { return true; }
 
@@ -32,7 +32,7 @@ class RenderJob : public RequestJob {
   Status ChooseSize(const pb::RenderRequest& request);
   Status TooLate() const;
   Status TakeShare(size_t bytes);
-  Status CopyLanes(const std::vector<uint32_t>& lanes);
+  void CopyLanes(const std::vector<uint32_t>& lanes);
 
   // A lane's state and the episode that it belongs to.
   struct Scene {
@@ -41,7 +41,7 @@ class RenderJob : public RequestJob {
   };
   PaintRequest picture_;       // with the state of the item that is being painted
   std::vector<Scene> scenes_;  // one for each item
-  size_t held_bytes_ = 0;      // of the sessions' common share of pictures
+  size_t held_share_ = 0;      // bytes of the sessions' common share of pictures
   size_t offset_ = 0;
   uint32_t painted_ = 0;  // how many items are painted; one thread takes them in any order
 };
@@ -61,31 +61,27 @@ Status RenderJob::ChooseSize(const pb::RenderRequest& request) {
   return CheckSide("height", picture_.height);
 }
 
-// Pictures that wait hold no memory yet, but the painter's thread begins with all requests in turn.
+// Pictures that wait hold only their states, but the painter's thread begins with all requests in
+// turn.
 Status RenderJob::TakeShare(size_t bytes) {
   SharedBytes& pictures = *owner().pictures;
   if (!pictures.Take(bytes)) {
     return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the pictures under way in the worker would have {} bytes, at most "
-                              "{} (by `b4mrl serve --memory`)",
+                  fmt::format("the pictures under way in the worker and the states that they show "
+                              "would have {} bytes, at most {} (by `b4mrl serve --memory`)",
                               pictures.held() + bytes, pictures.share()));
   }
-  held_bytes_ = bytes;
+  held_share_ = bytes;
   return Status();
 }
 
-Status RenderJob::CopyLanes(const std::vector<uint32_t>& lanes) {
+void RenderJob::CopyLanes(const std::vector<uint32_t>& lanes) {
   for (const uint32_t lane : lanes) {
     const ConstLaneRecord record = owner().committed_record(lane);
-    if (record.header().phase == LanePhase::kFresh) {
-      return Status(StatusCode::kFailedPrecondition,
-                    fmt::format("lane {} has not been reset: there is nothing to see", lane));
-    }
     const std::span<const double> state = record.state();
     scenes_.push_back({record.header().lane_seed, record.header().episode,
                        std::vector<double>(state.begin(), state.end())});
   }
-  return Status();
 }
 
 Status RenderJob::Prepare(const pb::Request& request) {
@@ -99,8 +95,15 @@ Status RenderJob::Prepare(const pb::Request& request) {
                               lanes.size(), picture_.width, picture_.height, bytes,
                               limits::kMaxPayloadBytes));
   }
-  B4MRL_RETURN_IF_ERROR(TakeShare(bytes));
-  B4MRL_RETURN_IF_ERROR(CopyLanes(lanes));
+  for (const uint32_t lane : lanes) {
+    if (owner().committed_record(lane).header().phase == LanePhase::kFresh) {
+      return Status(StatusCode::kFailedPrecondition,
+                    fmt::format("lane {} has not been reset: there is nothing to see", lane));
+    }
+  }
+  const size_t state_bytes = owner().layout().state_size * sizeof(double);
+  B4MRL_RETURN_IF_ERROR(TakeShare(bytes + lanes.size() * state_bytes));
+  CopyLanes(lanes);
   picture_.simulator = owner().simulator_request();
   picture_.identity = owner().simulator().identity_hash();
   items = static_cast<uint32_t>(lanes.size());

@@ -58,6 +58,9 @@ class RequestJob : public QueuedWork {
   Clock::time_point received;
   // What tells a copy of the request beside its kind and its arrays' bytes; 0 where these say all.
   size_t contents = 0;
+  // Of the reply's arrays, as far as Prepare has made room for them.
+  size_t planned_reply_bytes() const { return reply_payload_.size(); }
+  size_t held_bytes = 0;  // by the request and its reply, while it is under way
   // The lanes that are busy with this job.
   const std::vector<uint32_t>& busy_lanes() const { return busy_lanes_; }
 

@@ -91,8 +91,8 @@ class Session {
   // The cost of one item of this session's requests of that kind.
   ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
 
-  // What the Renders under way of all sessions of the worker hold for their pictures. The
-  // worker's, set before the first request.
+  // What the Renders under way of all sessions of the worker hold for their pictures and states.
+  // The worker's, set before the first request.
   SharedBytes* pictures = nullptr;
 
   // A Close that waits for the requests in flight.

@@ -59,6 +59,9 @@ void Dispatcher::AdoptSessions() {
   // The gateway goes on meanwhile: of a session that became live behind the first look at its
   // record, the first request would find nothing, and its client would take it for lost.
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) AdoptIfLive(index);
+  // And of an opening one that could not be built above, the gateway may read the answer of the
+  // earlier process only now.
+  adoption_failed_ms_ = MonotonicMs();
 }
 
 void Dispatcher::AdoptNext() {
@@ -73,6 +76,10 @@ bool Dispatcher::AdoptIfLive(uint32_t index) {
   if (record.state() != SessionState::kLive || record.worker != worker_) return false;
   const auto found = sessions_.find(std::string(SessionToken(record)));
   if (found != sessions_.end() && found->second->generation() == generation) return false;
+  if (record.closing_generation == generation) {
+    record.Close(generation);  // what its Close waited for has ended with the earlier process
+    return true;
+  }
   const Status status = Attach(index, generation).status();
   if (status.ok()) {
     record.last_activity_ms.store(MonotonicMs());  // its clients could not reach it meanwhile

@@ -163,6 +163,22 @@ TEST_CASE("Pictures under way are bounded in bytes, but a single request is alwa
   CHECK(worker.Call(RenderRequest(), {}).code() == StatusCode::kOk);
 }
 
+TEST_CASE("The states that wait to be painted count with the pictures") {
+  constexpr uint32_t kSmall = 16;
+  WorkerFixture worker;
+  worker.memory.pictures = size_t{2} * 3 * kSmall * kSmall;  // of two pictures and no state
+  worker.Restart();
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  worker.Send(RenderRequest(kSmall, kSmall), {});
+  CHECK(worker.answers.empty());
+  worker.Send(RenderRequest(kSmall, kSmall), {});
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  worker.Work();
+}
+
 // The child processes of this one.
 std::set<pid_t> Children() {
   std::set<pid_t> all;

@@ -146,7 +146,7 @@ TEST_CASE("Requests that wait in a worker are limited over all its sessions") {
 TEST_CASE("Payloads that wait in a worker are limited by their bytes") {
   constexpr uint32_t kFitting = 3;
   WorkerFixture worker;
-  worker.memory.requests = kFitting * limits::kMaxPayloadBytes;
+  worker.memory.requests = kFitting * limits::kMaxPayloadBytes + (1 << 16);  // for the replies
   worker.Restart();
   pb::Request step = WorkerFixture::StepRequest(1);
   step.set_protocol_version(limits::kProtocolVersion);
@@ -175,6 +175,29 @@ TEST_CASE("Payloads that wait in a worker are limited by their bytes") {
   worker.Work();
   REQUIRE(worker.answers.size() == kFitting + 2);
   REQUIRE(worker.answers.back().code() == StatusCode::kOk);
+}
+
+TEST_CASE("Replies that are being made count with the requests") {
+  constexpr uint32_t kLanes = 64;
+  WorkerFixture worker;
+  worker.memory.requests = 20'000;  // for one snapshot of all lanes and much less than another
+  worker.Restart();
+  pb::Request snapshot;
+  snapshot.mutable_snapshot();
+  std::vector<std::string> tokens;
+  for (uint32_t i = 0; i < 2; ++i) tokens.push_back(OpenNumbered(worker, i, kLanes));
+  worker.answers.clear();
+  for (const std::string& token : tokens) {
+    snapshot.set_session_token(token);
+    worker.Send(snapshot, {}, true);
+  }
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 2);
+  CHECK(worker.answers[1].code() == StatusCode::kOk);
+  CHECK(worker.answers[1].payload.size() > worker.memory.requests / 2);
+  CHECK(worker.Call(snapshot, {}).code() == StatusCode::kOk);
 }
 
 TEST_CASE("One session's payloads leave room for those of others") {

@@ -88,6 +88,25 @@ TEST_CASE("A Close is answered at its deadline, and happens all the same") {
   CHECK(worker.Close() == StatusCode::kOk);
 }
 
+TEST_CASE("A Close that waits for what is under way outlives its worker") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Open(1);
+  worker.Reset({1});
+  worker.Send(WorkerFixture::StepRequest(), {Numbers({2}), Actions(1, 0)}, /*waiting=*/true);
+  pb::Request close;
+  close.mutable_close();
+  worker.Send(close, {});
+  REQUIRE(worker.state().session(index).state() == SessionState::kLive);
+  worker.Restart();
+  CHECK(worker.state().session(index).state() == SessionState::kClosed);
+  CHECK(worker.dispatcher().session_count() == 0);
+  // The record's next session is none that was asked to close.
+  SessionTable(worker.state()).Free(index);
+  REQUIRE(worker.Open(1) == index);
+  worker.Restart();
+  CHECK(worker.dispatcher().session_count() == 1);
+}
+
 TEST_CASE("A Close that is sent again while it waits is answered once, to its newest sender") {
   WorkerFixture worker;
   worker.Open(1);
