@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <sys/random.h>
 
+#include <algorithm>
+
 #include "proto/base/limits.h"
 
 namespace b4mrl {
@@ -23,6 +25,11 @@ void AddTo(std::atomic<uint64_t>& total, uint64_t count) {
   if (count > 0) total.fetch_add(count, std::memory_order_relaxed);
 }
 
+// How long a ledger is kept though nobody uses it and others want its room.
+int64_t KeptMs(const SharedState& shared) {
+  return std::min(shared.header().lease_ms, kLedgerIdleMs);
+}
+
 }  // namespace
 
 LedgerRecord* LedgerTable::Find(uint64_t number) const {
@@ -38,18 +45,17 @@ LedgerRecord* LedgerTable::FindRoom() const {
     if (record.number == 0) return &record;
     if (record.last_use_ms < oldest->last_use_ms) oldest = &record;
   }
-  const bool has_ended = MonotonicMs() - oldest->last_use_ms > shared_.header().lease_ms;
+  const bool has_ended = MonotonicMs() - oldest->last_use_ms > KeptMs(shared_);
   return has_ended ? oldest : nullptr;
 }
 
 Result<uint64_t> LedgerTable::Open() {
   LedgerRecord* record = FindRoom();
   if (record == nullptr) {
-    return Status(
-        StatusCode::kLimitExceeded,
-        fmt::format("{} ledgers are in use, at most {}; one that is neither read nor "
-                    "added to for {} s makes room",
-                    limits::kMaxLedgers, limits::kMaxLedgers, shared_.header().lease_ms / 1000));
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("{} ledgers are in use, at most {}; one that is neither read nor "
+                              "added to for {} s makes room",
+                              limits::kMaxLedgers, limits::kMaxLedgers, KeptMs(shared_) / 1000));
   }
   B4MRL_ASSIGN_OR_RETURN(const uint64_t number,
                          DrawNumber(static_cast<uint64_t>(record - &shared_.ledger(0))));

@@ -5,9 +5,9 @@
 // outlive workers and gateway. What a process had served but not yet added when it was killed is
 // lost, at most the requests that it had under way.
 //
-// A ledger ends when all records are in use and it has been neither read nor added to for the
-// daemon's lease: the record is then another ledger's. Counting never fails: what names a ledger
-// that has ended is counted nowhere.
+// A ledger ends when all records are in use and it has been neither read nor added to for an hour,
+// or for the daemon's lease if that is shorter: the record is then another ledger's. Counting never
+// fails: what names a ledger that has ended is counted nowhere.
 //
 // Thread rule: Open, the gateway's main thread; Read and Add, any thread of any process.
 #pragma once
@@ -19,6 +19,10 @@
 #include "server/shared_memory/shared_state.h"
 
 namespace b4mrl {
+
+// How long a ledger is kept though nobody uses it, where no other record is left and the lease is
+// longer: private daemons have one of days, and programs open a ledger for each benchmark.
+inline constexpr int64_t kLedgerIdleMs = 3'600'000;
 
 class LedgerTable {
  public:
@@ -36,7 +40,8 @@ class LedgerTable {
  private:
   // The record of the ledger with this number; null if there is none.
   LedgerRecord* Find(uint64_t number) const;
-  // A free record, else that of the ledger whose lease ran out longest ago; null: none.
+  // A free record, else that of the ledger that has been unused for longest, if for long enough;
+  // null: none.
   LedgerRecord* FindRoom() const;
 
   SharedState& shared_;

@@ -81,6 +81,16 @@ TEST_CASE("A full table refuses, until a ledger's lease has run out: then the ol
   CHECK(table.Open().status().code() == StatusCode::kLimitExceeded);
 }
 
+TEST_CASE("However long the lease is, a ledger that is unused for an hour makes room") {
+  SharedState shared = Take(SharedState::Create(1, 30 * 24 * kLedgerIdleMs));
+  LedgerTable table(shared);
+  std::vector<uint64_t> numbers;
+  for (uint32_t i = 0; i < limits::kMaxLedgers; ++i) numbers.push_back(Take(table.Open()));
+  CHECK(table.Open().status().code() == StatusCode::kLimitExceeded);
+  RecordOf(shared, numbers[5]).last_use_ms = MonotonicMs() - kLedgerIdleMs - 1000;
+  CHECK(Take(table.Open()) % limits::kMaxLedgers == numbers[5] % limits::kMaxLedgers);
+}
+
 TEST_CASE("Reading a ledger and adding to it renew its lease") {
   SharedState shared = Take(SharedState::Create(1, kLeaseMs));
   LedgerTable table(shared);
