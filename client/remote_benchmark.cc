@@ -24,6 +24,11 @@ BatchPolicy Masked(BatchPolicy policy, std::vector<uint8_t> mask) {
   };
 }
 
+Status CheckNoLedger(uint64_t ledger) {
+  if (ledger == 0) return Status();
+  return InvalidArgument("ledger", fmt::format("{}", ledger), "0, as the benchmark has its own");
+}
+
 }  // namespace
 
 RemoteBenchmark::RemoteBenchmark(Client* client, pb::BenchmarkInfo info,
@@ -45,6 +50,7 @@ Result<RemoteEnvironment> RemoteBenchmark::MakeSimulator(EnvironmentOptions opti
     return InvalidArgument("simulator", FormatNamedArguments(options.simulator),
                            "none, as the benchmark has one of its own");
   }
+  B4MRL_RETURN_IF_ERROR(CheckNoLedger(options.ledger));
   B4MRL_ASSIGN_OR_RETURN(options.simulator, ParseNamedArguments(info_.simulator()));
   B4MRL_ASSIGN_OR_RETURN(options.ledger, Opened(&learning_ledger_));
   return client_->Make(info_.environment(), std::move(options));
@@ -58,8 +64,13 @@ Result<RemoteDataset> RemoteBenchmark::OpenDataset(DatasetOptions options) {
     return InvalidArgument("corruption", FormatNamedArguments(options.corruption),
                            "none, as the benchmark has its own");
   }
-  B4MRL_ASSIGN_OR_RETURN(options.corruption, ParseNamedArguments(info_.corruption()));
+  B4MRL_RETURN_IF_ERROR(CheckNoLedger(options.ledger));
   B4MRL_ASSIGN_OR_RETURN(options.ledger, Opened(&learning_ledger_));
+  return OpenOwnDataset(std::move(options));
+}
+
+Result<RemoteDataset> RemoteBenchmark::OpenOwnDataset(DatasetOptions options) {
+  B4MRL_ASSIGN_OR_RETURN(options.corruption, ParseNamedArguments(info_.corruption()));
   options.environment = info_.environment();
   return client_->OpenDataset(info_.dataset(), std::move(options));
 }
@@ -78,7 +89,8 @@ Result<RemoteBenchmark::Training> RemoteBenchmark::ReadTraining() {
       for (const uint32_t dimension : *hidden) training.mask[dimension] = 0;
     }
   } else {
-    B4MRL_ASSIGN_OR_RETURN(const RemoteDataset dataset, OpenDataset());
+    // Its rows are not served, so no ledger is taken for them.
+    B4MRL_ASSIGN_OR_RETURN(const RemoteDataset dataset, OpenOwnDataset({}));
     seen_through = NamedArgumentsOf(dataset.in_force().corruptions());
     for (const uint32_t dimension : dataset.in_force().hidden_dimensions()) {
       if (dimension >= training.mask.size()) {

@@ -55,10 +55,11 @@ class RemoteBenchmark {
   const std::string& name() const { return info_.name(); }
   const EnvironmentSpec& environment() const { return environment_; }
 
-  // A session of the flawed simulator. kInvalidArgument if `options` name a simulator.
+  // A session of the flawed simulator. kInvalidArgument if `options` name a simulator or a
+  // ledger.
   Result<RemoteEnvironment> MakeSimulator(EnvironmentOptions options = {});
-  // The corrupted dataset. kInvalidArgument if `options` name a corruption; kUnknownName if the
-  // daemon's data folder lacks the dataset, which `b4mrl dataset make` makes.
+  // The corrupted dataset. kInvalidArgument if `options` name a corruption or a ledger;
+  // kUnknownName if the daemon's data folder lacks the dataset, which `b4mrl dataset make` makes.
   Result<RemoteDataset> OpenDataset(DatasetOptions options = {});
 
   // For each dimension of an observation: 1 if a policy may see it in evaluations, 0 if it sees 0
@@ -88,6 +89,8 @@ class RemoteBenchmark {
                   uint64_t ledger);
 
   Result<Training> ReadTraining();
+  // The dataset, with the benchmark's corruption.
+  Result<RemoteDataset> OpenOwnDataset(DatasetOptions options);
   // The training as it was read at the first call.
   Result<Training> KnownTraining();
   // The number of a ledger, which is opened at the first call.

@@ -205,7 +205,7 @@ std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
   std::error_code unknown;  // what cannot be looked at has not appeared
   const bool appeared = !replace && std::filesystem::exists(path, unknown);
   const bool is_taken = !made.ok() && (made.status().code() == StatusCode::kBusy || appeared);
-  if (is_taken) return BadInput(made.status());
+  if (is_taken) return Failure{kExitBusy, made.status()};
   if (!made.ok()) return FromDaemon(made.status());
   const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());

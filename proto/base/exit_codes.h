@@ -10,6 +10,7 @@ enum ExitCode : int {
   kExitBadInput = 3,  // an input or output file or folder is unusable
   kExitNoDaemon = 4,  // the daemon cannot be reached or does not answer
   kExitRefused = 5,   // the daemon refused a request
+  kExitBusy = 6,      // another process does the same at the moment; it may be tried again
   kExitInterrupted = 130,
 };
 

@@ -112,6 +112,8 @@ TEST_CASE("Other flaws than its own, and data that a benchmark lacks, are refuse
         StatusCode::kInvalidArgument);
   CHECK(bench.OpenDataset({.corruption = {{"hidden", "1"}}}).status().code() ==
         StatusCode::kInvalidArgument);
+  CHECK(bench.MakeSimulator({.ledger = 7}).status().code() == StatusCode::kInvalidArgument);
+  CHECK(bench.OpenDataset({.ledger = 7}).status().code() == StatusCode::kInvalidArgument);
   CHECK(bench.Evaluate(StandStill, {.episodes = 0}).status().code() ==
         StatusCode::kInvalidArgument);
   const Status served =

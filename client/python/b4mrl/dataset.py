@@ -51,14 +51,12 @@ class Dataset(Shown):
         deadline_ms: time limit of each request, in milliseconds.
         connect: makes another connection to the dataset worker.
         open_queries: opens a session for queries of (environment, simulator); used by pair.
-        ledger: number of the ledger that counts the rows served, also of batches that were requested
-            ahead and are never received.
+        ledger: its number; counts the rows served, also those requested ahead and never received.
 
     Attributes:
         name, rows, observation_size, action_size: name and sizes; `rows` counts the rows that the
             transition rule leaves.
-        environment: the environment in which the dataset was recorded; "" if neither the file nor
-            its name says.
+        environment: in which it was recorded; "" if neither the file nor its name says.
         hidden_dimensions: indices of observations that a corruption hides, or that the behaviour
             policy could not see: 0 in the rows, whatever noise corrupts the others.
         fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
@@ -154,8 +152,7 @@ class Dataset(Shown):
 
         Args:
             seed: seed of the random choice, such as bench.seed. None: `default_seed`.
-            batch: number of the batch, below 2**64. None: the number after that of the last call,
-                from 0 on.
+            batch: its number, below 2**64. None: that after the last call's, from 0 on.
             with_indices: adds `indices` (rows,) uint64, the rows' numbers in the dataset.
         """
         rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
@@ -182,9 +179,8 @@ class Dataset(Shown):
         A row takes `4 * (2 * observation_size + action_size + 1) + 2` bytes of memory.
 
         Args:
-            transitions: "stored" for the file's next observations; "d4rl" for the next row's
-                observations, without the rows that end by time-out, as `qlearning_dataset` gives
-                them. None: the rule with which the dataset was opened.
+            transitions: "stored" for the file's next observations; "d4rl" for the next row's,
+                without the rows that end by time-out. None: the rule of the opening.
         """
         if transitions in (None, self.in_force.transition_rule):
             return self._gather(0, self.rows)
@@ -237,9 +233,8 @@ class Dataset(Shown):
         seed = checks.unsigned("seed", self.default_seed if seed is None else seed)
         first_batch = checks.unsigned("first_batch", first_batch)
         credits = checks.integer("credits", credits, 0, None)
-        paired = None
-        if pair_with is not None:
-            paired = self._paired(pair_with, pair_seed, pair_folder, "pair_")
+        pair = pair_with, pair_seed, pair_folder, "pair_"
+        paired = None if pair_with is None else self._paired(*pair)
         return Resumed(functools.partial(self._batches, rows, seed, credits, paired), first_batch)
 
     def _batches(
@@ -281,6 +276,11 @@ class Dataset(Shown):
         """
         kept = self._paired(simulator, seed, folder)
         return {name: column.view() for name, column in kept.items()}
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether close was called."""
+        return not (self._own_connection.is_usable or self._own_connection.is_foreign)
 
     def close(self) -> None:
         """Closes the connection; streams that are still read raise an error."""

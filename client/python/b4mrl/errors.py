@@ -19,7 +19,8 @@ class B4mrlError(Exception):
 
     Attributes:
         code: the status code of the protocol, 1 to 15.
-        recoverable: whether the same request may succeed later, unchanged.
+        recoverable: whether the same request may succeed later, unchanged: as the daemon says or,
+            of an error that the client found, as is usual of its class.
         executed_unknown: whether the operation may have been executed or not; its environments
             cannot be used any more then.
         env_ids: the environments of the failed send if `recv` raised the error; else None.
@@ -27,10 +28,12 @@ class B4mrlError(Exception):
 
     code = 15
     executed_unknown = False
+    recoverable = False
 
-    def __init__(self, message: str, *, recoverable: bool = False) -> None:
+    def __init__(self, message: str, *, recoverable: bool | None = None) -> None:
         super().__init__(message)
-        self.recoverable = recoverable
+        if recoverable is not None:
+            self.recoverable = recoverable
         self.env_ids: Any = None
 
 
@@ -56,6 +59,7 @@ class BusyError(B4mrlError):
     """The lane has another request under way."""
 
     code = 4
+    recoverable = True
 
 
 class StaleError(B4mrlError):
@@ -76,18 +80,21 @@ class LimitExceededError(B4mrlError):
     """A limit of proto/PROTOCOL.md, named in the message, is reached for the moment."""
 
     code = 7
+    recoverable = True
 
 
 class DeadlineExceededError(B4mrlError, TimeoutError):
     """The reply did not come in time, or the daemon did not start the request in time."""
 
     code = 8
+    recoverable = True
 
 
 class UnavailableError(B4mrlError, ConnectionError):
     """The daemon cannot be reached, or is stopping."""
 
     code = 9
+    recoverable = True
 
 
 class VersionMismatchError(B4mrlError):

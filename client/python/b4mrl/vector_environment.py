@@ -296,6 +296,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         is_reset = np.zeros(count, np.bool_)
         info: dict[str, Any] = {}
         if self._mode == AutoresetMode.SAME_STEP:
+            is_reset = outcome.prepared.copy()  # of lanes that were restored to an ended episode
             if outcome.ended is not None:
                 is_reset[outcome.ended.positions] = True
                 info = self._final_info(outcome, outcome.ended)

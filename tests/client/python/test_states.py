@@ -49,6 +49,22 @@ def test_a_state_remembers_that_its_episode_has_ended(client: b4mrl.Client) -> N
         vec.step(np.zeros((1, 6)))
 
 
+def test_an_ended_episode_that_is_restored_is_followed_by_a_reset(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=4)
+        for _ in range(1000):
+            env.step(np.zeros(6))
+        ended = env.get_state()
+    for mode in ("next_step", "same_step"):
+        with client.make_vec("HalfCheetah", 2, autoreset_mode=mode) as vec:
+            vec.reset(seed=1)
+            vec.set_state([ended], [0])
+            _, rewards, terminated, truncated, info = vec.step(np.ones((2, 6)))
+            assert rewards[0] == 0 and rewards[1] != 0
+            assert not terminated.any() and not truncated.any()
+            assert info["_reward_ctrl"].tolist() == [False, True]
+
+
 def test_a_state_by_its_parts_is_that_state(client: b4mrl.Client, environment: str) -> None:
     with client.make(environment, dtype="float64") as env:
         env.action_space.seed(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 from collections.abc import Mapping
@@ -95,8 +96,8 @@ class Benchmark(Shown):
     def dataset(self) -> Dataset | Any:  # Any: a type checker lets a learner that needs one go on
         """The corrupted dataset, opened at the first use; None for a benchmark without one.
 
+        One that was closed is opened again. FailedPreconditionError: no recipe can make it here.
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
-        FailedPreconditionError: it is to be made here, but no recipe can, or another program does.
         """
         dataset = self._dataset
         self._usage.begin()  # only now: that the dataset was made is no part of a learner's time
@@ -114,11 +115,11 @@ class Benchmark(Shown):
         if not self.info.dataset:
             return None
         ledger = self._usage.learning
-        if self._opened is None or self._opened[0] is not ledger:
+        if self._opened is None or self._opened[0] is not ledger or self._opened[1].is_closed:
             self._opened = ledger, self._open_dataset(ledger, make_rows)
         return self._opened[1]
 
-    def _open_dataset(self, ledger: Ledger, make_rows: int | None) -> Dataset:
+    def _open_dataset(self, ledger: Ledger | None, make_rows: int | None) -> Dataset:
         names = self.info.dataset, self.info.corruption
         options: dict[str, Any] = {"environment": self.environment, "ledger": ledger}
         open_it = functools.partial(self._client.dataset, *names, **options)
@@ -132,9 +133,12 @@ class Benchmark(Shown):
     def make_simulator(self, num_envs: int = 1, **options: Any) -> VectorEnvironment:
         """`num_envs` environments of the flawed simulator; `options` are those of make_vec.
 
+        InvalidArgumentError: they hold `simulator` or `ledger`, of which the benchmark has its own.
         Without a `seed`, they have those of the run, seed, seed + 1, ..., in a program that `b4mrl
         benchmark run --learner` has started; elsewhere the daemon draws one: give seed=bench.seed.
         """
+        for name in {"simulator", "ledger"} & options.keys():
+            raise InvalidArgumentError(f"{name} is given, but the benchmark has its own")
         self._usage.begin()
         ledger = self._usage.learning
         if self.out is not None:
@@ -201,16 +205,14 @@ class Benchmark(Shown):
         """
         space = self._spec.observation
         is_plain = making.records_everything(self.info.dataset)
-        try:
-            dataset = self._find_dataset(None if is_plain else self._make_rows)
-        except UnknownNameError:
-            if not is_plain:
-                raise
-            dataset = None
-        if dataset is not None:
-            hidden = evaluation.hidden_in(dataset, space)
-        else:
-            hidden = evaluation.hidden_by(self._seen_through, space)
+        hidden = evaluation.hidden_by(self._seen_through, space)
+        if self._opened is not None:
+            hidden = evaluation.hidden_in(self._opened[1], space)
+        elif self.info.dataset:
+            with contextlib.suppress(UnknownNameError if is_plain else ()):
+                # No rows are served, so no ledger is taken.
+                with self._open_dataset(None, None if is_plain else self._make_rows) as dataset:
+                    hidden = evaluation.hidden_in(dataset, space)
         seen = np.ones(space.size, np.bool_)
         seen[hidden] = False
         seen.flags.writeable = False  # evaluations use this array, too

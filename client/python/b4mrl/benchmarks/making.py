@@ -6,6 +6,7 @@ Also says what is known of a dataset before it is made, and where one that was t
 from __future__ import annotations
 
 import subprocess
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,14 +18,16 @@ from b4mrl.serve import find_server
 
 # What the command's exit codes mean to the caller (proto/base/exit_codes.h); others mean that the
 # daemon or the program has failed.
-_BAD_USAGE, _BAD_INPUT = 2, 3
+_FAILED, _BAD_USAGE, _BAD_INPUT, _BUSY = 1, 2, 3, 6
 _ERRORS: dict[int, tuple[type[errors.B4mrlError], str]] = {
+    _FAILED: (errors.DataLossError, "failed, or has made other rows than the published ones"),
     _BAD_USAGE: (errors.InvalidArgumentError, "refused one of its options"),
-    _BAD_INPUT: (
-        errors.FailedPreconditionError,
-        "cannot make the dataset, or another program makes it at the moment",
-    ),
+    _BAD_INPUT: (errors.FailedPreconditionError, "cannot make the dataset"),
+    _BUSY: (errors.BusyError, "found another program at work on the dataset"),
 }
+
+_PATIENCE_S = 3600.0  # for a dataset that another program makes, which takes minutes at most
+_POLL_S = 1.0
 
 # The recipes (algorithms/datasets/dataset_recipes.cc) whose behaviour policies see everything:
 # all but HalfCheetah/partial-*.
@@ -44,6 +47,9 @@ def open_or_make(
 ) -> Dataset:
     """`open_it()`, after the dataset was made if it is missing.
 
+    Waits while another program makes it. RuntimeWarning: what was made here is not the published
+    dataset; it is opened all the same.
+
     Args:
         rows: as for make_dataset, whose errors this raises. None: none is made.
 
@@ -54,8 +60,25 @@ def open_or_make(
     except errors.UnknownNameError:
         if rows is None:
             raise
-    make_dataset(name, endpoint, rows)
-    return open_it()
+    end = time.monotonic() + _PATIENCE_S
+    while True:
+        failure: errors.B4mrlError | None = None
+        try:
+            make_dataset(name, endpoint, rows)
+        except errors.B4mrlError as error:
+            failure = error
+        try:
+            dataset = open_it()  # which another program may have made
+        except errors.UnknownNameError:
+            if failure is None:
+                raise
+        else:
+            if isinstance(failure, errors.DataLossError):
+                warnings.warn(f"{failure}; it is used as it is", RuntimeWarning, stacklevel=5)
+            return dataset
+        if not isinstance(failure, errors.BusyError) or time.monotonic() > end:
+            raise failure
+        time.sleep(_POLL_S)
 
 
 def make_dataset(name: str, endpoint: str, rows: int) -> None:
@@ -66,9 +89,11 @@ def make_dataset(name: str, endpoint: str, rows: int) -> None:
     Raises:
         UnknownNameError: the program b4mrl is not beside the daemon's here, so the dataset has to
             be made elsewhere.
-        UnavailableError: the program failed.
+        UnavailableError: the daemon or the program failed.
+        DataLossError: the program failed, or has made other rows than the published ones.
+        BusyError: another process makes it at the moment, or has just made it.
         FailedPreconditionError: the dataset cannot be made: there is no recipe that can, or a file
-            or the data folder cannot be used, or another process makes it just now.
+            or the data folder cannot be used.
         InvalidArgumentError: no dataset can have so many rows.
     """
     words = ["dataset", "make", name]

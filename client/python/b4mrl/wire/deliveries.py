@@ -108,7 +108,8 @@ def no_reply(
         no_more = " any more" if was_reached else ""
         return errors.UnavailableError(
             f"no answer to {name}: nobody listens at {address}{no_more}; has the daemon ended? "
-            "Start it, and make clients and environments anew"
+            "Start it, and make clients and environments anew",
+            recoverable=False,
         )
     if not was_reached:
         return errors.UnavailableError(

@@ -6,9 +6,10 @@ import json
 import pickle
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import b4mrl
 import numpy as np
@@ -184,3 +185,71 @@ def test_simulators_outside_the_runner_have_a_seed_of_their_own(client: b4mrl.Cl
     bench = client.benchmark("HalfCheetah/simulators/gravity")
     with bench.make_simulator() as one, bench.make_simulator() as two:
         assert one.session.in_force.seed != two.session.in_force.seed
+
+
+def test_a_dataset_that_was_closed_is_opened_again(small: str) -> None:
+    bench = b4mrl.benchmark(RANDOM, endpoint=small, rows=500)
+    for _ in range(2):
+        with bench.dataset as data:
+            assert len(data.sample(3)["rewards"]) == 3
+    assert data.is_closed and not bench.dataset.is_closed
+
+
+def test_what_the_benchmark_has_of_its_own_is_no_option_of_its_simulator(small: str) -> None:
+    bench = b4mrl.benchmark(RANDOM, endpoint=small)
+    for options in ({"simulator": "gravity"}, {"ledger": 7}):
+        with pytest.raises(errors.InvalidArgumentError, match=f"^{next(iter(options))} is given"):
+            bench.make_simulator(1, **options)
+
+
+def test_a_mask_takes_no_ledger(small: str) -> None:
+    bench = b4mrl.benchmark(RANDOM, endpoint=small, rows=500)
+    assert bench.mask.all()
+    assert bench._usage._ledger is None
+
+
+class Command:
+    """Stands for `b4mrl dataset make`; `done` is what another program has done meanwhile."""
+
+    def __init__(self, codes: list[int], is_there: list[bool]) -> None:
+        self.codes, self.is_there = codes, is_there
+
+    def open_it(self) -> str:
+        if not self.is_there.pop(0):
+            raise errors.UnknownNameError("unknown dataset")
+        return "the dataset"
+
+    def run(self, *_: object, **__: object) -> SimpleNamespace:
+        return SimpleNamespace(returncode=self.codes.pop(0))
+
+
+@pytest.fixture
+def made_by(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[int], list[bool]], object]:
+    def make(codes: list[int], is_there: list[bool]) -> object:
+        command = Command(codes, is_there)
+        monkeypatch.setattr(making.subprocess, "run", command.run)
+        monkeypatch.setattr(making, "_POLL_S", 0.0)
+        opened = making.open_or_make(command.open_it, "HalfCheetah/random", "ipc:///nobody", 0)
+        assert not command.codes and not command.is_there
+        return opened
+
+    return make
+
+
+def test_a_dataset_that_another_program_makes_is_waited_for(made_by: Callable[..., object]) -> None:
+    assert made_by([6, 6], [False, False, True]) == "the dataset"
+    assert made_by([3], [False, True]) == "the dataset"  # it was quicker
+
+
+def test_a_dataset_that_nobody_makes_is_an_error(made_by: Callable[..., object]) -> None:
+    with pytest.raises(errors.FailedPreconditionError, match="cannot make the dataset"):
+        made_by([3], [False, False])
+    with pytest.raises(errors.DataLossError, match="failed"):
+        made_by([1], [False, False])
+
+
+def test_rows_that_are_not_those_published_are_used_with_a_warning(
+    made_by: Callable[..., object],
+) -> None:
+    with pytest.warns(RuntimeWarning, match="other rows than the published ones"):
+        assert made_by([1], [False, True]) == "the dataset"

@@ -79,6 +79,13 @@ def test_every_status_code_has_its_exception() -> None:
             )
 
 
+def test_what_the_client_finds_itself_may_be_repeated_where_the_protocol_says_so() -> None:
+    text = (ROOT / "proto" / "PROTOCOL.md").read_text()
+    codes = {int(code) for code in re.findall(r"^\| (\d+) \| \w+ \| yes ", text, re.MULTILINE)}
+    kinds = {code: type(errors.error_of(code, "", recoverable=False)) for code in range(1, 16)}
+    assert {code for code, kind in kinds.items() if kind("").recoverable} == codes
+
+
 def test_an_unknown_code_counts_as_internal() -> None:
     assert type(errors.error_of(99, "", recoverable=False)) is errors.InternalError
 
