@@ -81,6 +81,10 @@ std::optional<double> Cell::MeanOf(
 
 Course Cell::CourseOfScore() const {
   if (!std::ranges::all_of(runs, &ScoredRun::ended)) return Course::kRising;
+  const bool learns = std::ranges::any_of(runs, [](const ScoredRun* run) {
+    return !run->learns_until || run->updates < *run->learns_until;
+  });
+  if (!learns) return Course::kSettled;
   const auto movement = MeanOf(MovementOf);
   if (!movement) return Course::kUntold;
   const auto tolerance = MeanOf([](const ScoredRun& run) { return run.fifths.tolerance; });

@@ -22,7 +22,8 @@
 namespace b4mrl {
 
 // How a cell's score moves from the fifth before to the last one, as the mean over its seeds: by at
-// most a settled curve's tolerance (curve.h), or further up or down.
+// most a settled curve's tolerance (curve.h), or further up or down. It has settled, too, where no
+// run's policy learns any more.
 enum class Course {
   kSettled,
   kRising,  // or a run has not ended

@@ -12,6 +12,7 @@
 #include "algorithms/datasets/import_name.h"
 #include "benchmarks/records/check.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/result_file.h"
 
 namespace b4mrl {
 namespace {
@@ -134,6 +135,7 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit,
   run.curve = *std::move(curve);
   run.updates = CountOf(json, "updates").value_or(0);
   run.ended = IsTrue(json, "finished");
+  run.learns_until = LearnsUntil(run.source, EntryOf(json, "hyperparameters"));
   run.is_return = !run.curve.empty() && !run.curve.back().score;
   ReadScorings(EntryOf(json, "scorings"), &run);
   const std::optional<uint64_t> end = limit ? limit(run) : std::nullopt;

@@ -39,6 +39,7 @@ struct ScoredRun {
   uint64_t updates = 0;
   bool ended = false;                     // its training is over, or has come to all that counts
   Fifths fifths;                          // of the curve
+  std::optional<uint64_t> learns_until;   // see LearnsUntil in records/result_file.h
   Curve curve;                            // until then
   bool fills_a_cell = false;              // of a benchmark that the table knows
   std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise

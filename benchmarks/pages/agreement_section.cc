@@ -9,6 +9,7 @@
 
 #include "benchmarks/evidence/agreement.h"
 #include "benchmarks/evidence/differences.h"
+#include "benchmarks/evidence/stand_ins.h"
 #include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/figures.h"
 #include "benchmarks/pages/sections.h"
@@ -109,7 +110,11 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   table.title = "The same of other cells, and with other scores.";
   table.caption =
       "In brackets n and the floor, which change with the cells. By last fifths: the mean score of "
-      "a run's last fifth stands for that of its last evaluation. With a recipe: where an "
+      "a run's last fifth stands for that of its last evaluation. With one dataset for another: "
+      "the "
+      "scores on a dataset of ours that is nearer to D4RL's stand for those on the one of its "
+      "name, "
+      "and cells that have none are left out. With a recipe: where an "
       "algorithm has run with it, its scores by that stand for the others; they are compared on "
       "the cells that have settled with both; an effect needs both scores by one recipe, so n can "
       "differ. By the paper: its scores stand for ours of that "
@@ -133,6 +138,10 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   add("without H2O, TD3 and SAC", compare(evidence.ours, {.without = {"h2o", "td3", "sac"}}));
   add("without MOPO and HyMOPO", compare(evidence.ours, {.without = {"mopo", "hymopo"}}));
   add("by last fifths", compare(ByLastFifths(evidence.ours), {}));
+  for (const StandIn& each : kStandIns) {
+    add(fmt::format("with {} for {}", each.by, each.dataset),
+        compare(WithStandIn(evidence.ours, evidence.benchmarks, each), {}));
+  }
   for (const std::string& recipe : OtherRecipes(evidence.table)) {
     const CellScores scores = OwnScores(evidence.table, evidence.deviations, recipe);
     add(fmt::format("settled also with the recipe {}", recipe),

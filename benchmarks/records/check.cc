@@ -17,6 +17,7 @@
 #include "benchmarks/records/budget_check.h"
 #include "benchmarks/records/curve.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/result_file.h"
 #include "benchmarks/records/scoring_check.h"
 #include "proto/base/mean_and_std.h"
 #include "proto/base/names.h"
@@ -313,7 +314,9 @@ void Checker::CheckCurve() {
   CheckNumber("last_fifth", fifths.last);
   CheckNumber("fifth_before", fifths.before);
   const Json& settled = EntryOf(result_, "settled");
-  const std::optional<bool> is_settled = fifths.IsSettled();
+  std::optional<bool> is_settled = fifths.IsSettled();
+  const auto end = LearnsUntil(TextOf(result_, "source"), EntryOf(result_, "hyperparameters"));
+  if (end && last.updates >= *end) is_settled = true;
   if (is_settled ? settled != *is_settled : !settled.is_null()) {
     Fault(fmt::format("settled is {}, the curve makes it {}", settled.dump(),
                       is_settled ? (*is_settled ? "true" : "false") : "null"));

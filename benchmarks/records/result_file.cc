@@ -172,7 +172,9 @@ bool HasComeFurther(const RunResult& before, const RunOutcome& outcome,
 void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json) {
   const CurvePoint& last = outcome.curve.back();
   const Fifths fifths = FifthsOf(outcome.curve);
-  const std::optional<bool> settled = fifths.IsSettled();
+  std::optional<bool> settled = fifths.IsSettled();
+  const auto end = LearnsUntil(outcome.source, outcome.hyperparameters);
+  if (end && last.updates >= *end) settled = true;
   json->update({{"updates", last.updates},
                 {"finished", HasFinished(outcome, origin)},
                 {"score", OrNull(last.score)},
@@ -218,6 +220,12 @@ std::string CellKey(const Json& result) {
                      TextOf(EntryOf(result, "dataset"), "columns_sha256"),
                      TextOf(result, "simulator"), TextOf(result, "corruption"),
                      TextOf(result, "world"));
+}
+
+std::optional<uint64_t> LearnsUntil(std::string_view source, const Json& hyperparameters) {
+  const double updates = NumberOf(hyperparameters, "cosine-updates").value_or(0);
+  if (source != "own" || updates < 1) return std::nullopt;
+  return static_cast<uint64_t>(std::min(updates, 1e18));  // what files say may be beyond 64 bits
 }
 
 std::string FolderOfResults(const std::string& folder) {

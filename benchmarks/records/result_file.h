@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/curve.h"
@@ -54,7 +55,7 @@ struct RunResult {
   bool finished = false;           // the updates that it was told to do were done
   uint64_t updates = 0;            // of its last evaluation
   uint64_t planned_updates = 0;    // that it was told to do
-  std::optional<bool> settled;     // its mean score no longer moves (Fifths); none: nobody can say
+  std::optional<bool> settled;     // its score no longer moves; none: nobody can say
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included; a kept ensemble is free
@@ -72,6 +73,11 @@ struct RunResult {
 // cell's id does not tell for a user's learner: that hangs on its benchmark's name, which may have
 // meant another world before.
 std::string CellKey(const nlohmann::ordered_json& result);
+
+// Until which update the policy of a run of the project's learns, of a result's entries `source`
+// and `hyperparameters`: its learning rate has then fallen to 0. Nothing: without end.
+std::optional<uint64_t> LearnsUntil(std::string_view source,
+                                    const nlohmann::ordered_json& hyperparameters);
 
 // Where the results of a folder lie: in its folder "results" if it has one and holds no results
 // itself, as the folder of a suite's runs does, else in itself.

@@ -44,6 +44,21 @@ TEST_CASE("Seeds fill one cell though their plans knew other benchmarks and reci
   CHECK(table.notes().empty());
 }
 
+TEST_CASE("A cell has settled where no run's policy learns any more") {
+  MadeResult made = {.algorithm = "iql", .benchmarks = {kMedium}, .score = 40, .settled = false};
+  const auto course = [&](uint64_t learns_until) {
+    nlohmann::ordered_json json = JsonOf(made);
+    json["hyperparameters"] = {{"cosine-updates", learns_until}};
+    MadeResults results({});
+    results.Add(json.dump());
+    return results.Read(OwnBenchmarks()).Find(kMedium, {"iql", ""})->CourseOfScore();
+  };
+  CHECK(course(made.updates) == Course::kSettled);
+  CHECK(course(made.updates + 1) == Course::kRising);
+  made.source = "user";  // whose hyperparameters may have any names
+  CHECK(course(made.updates) == Course::kRising);
+}
+
 TEST_CASE("Recipes are series of their own, and the budget's or the fullest is the main one") {
   const MadeResults results(
       {{.algorithm = "mopo", .benchmarks = {kMedium}, .score = 40, .recipe = "paper"},

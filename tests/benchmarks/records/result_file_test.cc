@@ -115,6 +115,22 @@ TEST_CASE("A run is settled if its last two fifths agree") {
   CHECK_FALSE(settled(40, 38));
 }
 
+TEST_CASE("A run whose policy learns no more has settled, however far the score has moved") {
+  const auto settled = [](const std::string& learns_until) {
+    Folders folders;
+    folders.State("finished");
+    WriteBytes(folders.run() + "/run.json",
+               R"({"hyperparameters": {"cosine-updates": )" + learns_until + "}}");
+    folders.Progress("100,0,1,10,1,10\n400,0,1,10,1,40\n500,0,1,10,1,50\n");
+    RequireOk(folders.Write());
+    return folders.Written()["settled"].get<bool>();
+  };
+  CHECK(settled("500"));
+  CHECK_FALSE(settled("501"));
+  CHECK_FALSE(settled("0"));  // a constant learning rate
+  CHECK_FALSE(settled("1e300"));
+}
+
 TEST_CASE("A result takes no rows for those that the run learned from which are others now") {
   Folders folders;
   folders.State("running", "bb");
