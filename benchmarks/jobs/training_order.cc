@@ -14,12 +14,11 @@ uint64_t UpdatesToTrain(const PlannedRun& run, const std::optional<RunResult>& r
                         uint32_t until_settled) {
   const bool goes_on = until_settled > 0 && !run.is_users();
   if (!goes_on || !result || result->updates < run.updates) return run.updates;
-  const bool still_moves = result->settled == false;         // not where nobody can say
-  if (result->finished && !still_moves) return run.updates;  // perhaps under a larger budget
+  if (result->finished && result->settled) return run.updates;  // perhaps under a larger budget
   // As often as it was told to train for its updates until now, and once more if it has not
   // settled.
   uint64_t times = (result->updates + run.updates - 1) / run.updates;
-  if (result->updates % run.updates == 0 && result->finished) ++times;
+  if (result->updates % run.updates == 0 && result->finished && !result->settled) ++times;
   return run.updates * std::min<uint64_t>(times, until_settled + 1);
 }
 

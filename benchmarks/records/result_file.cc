@@ -312,8 +312,7 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   result.finished = IsTrue(json, "finished");
   result.updates = CountOf(json, "updates").value_or(0);
   result.planned_updates = CountOf(json, "planned_updates").value_or(0);
-  const Json& settled = EntryOf(json, "settled");
-  if (settled.is_boolean()) result.settled = settled.get<bool>();
+  result.settled = IsTrue(json, "settled");
   result.score = NumberOf(json, "score");
   result.mean_return = NumberOf(json, "return").value_or(0);
   result.seconds = NumberOf(json, "seconds").value_or(0);

@@ -55,7 +55,7 @@ struct RunResult {
   bool finished = false;           // the updates that it was told to do were done
   uint64_t updates = 0;            // of its last evaluation
   uint64_t planned_updates = 0;    // that it was told to do
-  std::optional<bool> settled;     // its score no longer moves; none: nobody can say
+  bool settled = false;            // its score is known to move no longer
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included; a kept ensemble is free

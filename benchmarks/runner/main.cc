@@ -97,9 +97,9 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
                  "the shell's command of a learner of your own, instead of the algorithms");
   app.add_option("--name", learner.name, "name of your learner's algorithm in results and tables");
   app.add_option("--until-settled", options.until_settled,
-                 "how often a run goes on for its updates again whose last fifth's mean score "
-                 "differs from that of the fifth before by more than 1.5 points or, where there "
-                 "are no scores, whose mean return does by more than 3% of its curve's span [0]")
+                 "how often a run goes on for its updates again that is not known to have settled: "
+                 "the mean score of its last fifth differs from that of the fifth before by more "
+                 "than 1.5 points, or a return by more than 3% of its curve's span [0]")
       ->transform(Count(0, 1'000));
   app.add_option("--out", options.folder, "folder of the runs [runs/benchmark]");
   app.add_option("--results", options.results, "folder of the results [results, in --out]");

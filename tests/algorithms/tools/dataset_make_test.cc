@@ -172,7 +172,7 @@ TEST_CASE("A dataset that another process makes is no failure of those that are 
   CHECK(Says(all.out, "Highway/medium-v0: 50 rows"));
   const Outcome one =
       Run({"dataset", "make", "Highway/random", "--rows", "50", "--data", folder.path()});
-  CHECK(one.exit_code == 3);
+  CHECK(one.exit_code == 6);
 }
 
 TEST_CASE("What a recipe cannot give is refused with the reason") {

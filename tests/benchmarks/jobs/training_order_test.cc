@@ -5,7 +5,7 @@
 namespace b4mrl {
 namespace {
 
-RunResult ResultAt(uint64_t updates, bool finished, std::optional<bool> settled) {
+RunResult ResultAt(uint64_t updates, bool finished, bool settled) {
   RunResult result;
   result.updates = updates;
   result.finished = finished;
@@ -21,13 +21,6 @@ TEST_CASE("A run goes on for its updates again while it has not settled, at most
   CHECK(UpdatesToTrain(run, ResultAt(20, true, false), 3) == 40);
   CHECK(UpdatesToTrain(run, ResultAt(30, false, false), 3) == 40);
   CHECK(UpdatesToTrain(run, ResultAt(80, true, false), 3) == 80);
-}
-
-TEST_CASE("A run of which nobody can say whether it has settled goes no further") {
-  PlannedRun run;
-  run.updates = 20;
-  CHECK(UpdatesToTrain(run, ResultAt(20, true, std::nullopt), 3) == 20);
-  CHECK(UpdatesToTrain(run, ResultAt(30, false, std::nullopt), 3) == 40);  // it was told to before
 }
 
 TEST_CASE("A run that has settled goes no further, under whichever budget it was trained") {
