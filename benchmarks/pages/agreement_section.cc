@@ -111,15 +111,12 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   table.caption =
       "In brackets n and the floor, which change with the cells. By last fifths: the mean score of "
       "a run's last fifth stands for that of its last evaluation. With one dataset for another: "
-      "the "
-      "scores on a dataset of ours that is nearer to D4RL's stand for those on the one of its "
-      "name, "
-      "and cells that have none are left out. With a recipe: where an "
-      "algorithm has run with it, its scores by that stand for the others; they are compared on "
-      "the cells that have settled with both; an effect needs both scores by one recipe, so n can "
-      "differ. By the paper: its scores stand for ours of that "
-      "algorithm. All: also cells that have not settled. The paper with another seed: the ceiling "
-      "of all its cells.";
+      "the scores on a dataset of ours that is nearer to D4RL's stand for those on the one of its "
+      "name, and cells that have none are left out. With a recipe: where an algorithm has run with "
+      "it, its scores by that stand for the others; they are compared on the cells that have "
+      "settled with both; an effect needs both scores by one recipe, so n can differ. By the "
+      "paper: its scores stand for ours of that algorithm. All: also cells that have not settled. "
+      "The paper with another seed: the ceiling of all its cells.";
   table.columns = {{"Cells"}};
   for (const RankFigure& figure : kFigures) table.columns.push_back({figure.name, true});
   const auto add = [&](const std::string& which, const PaperAgreement& agreement) {

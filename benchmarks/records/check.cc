@@ -314,9 +314,9 @@ void Checker::CheckCurve() {
   CheckNumber("last_fifth", fifths.last);
   CheckNumber("fifth_before", fifths.before);
   const Json& settled = EntryOf(result_, "settled");
-  std::optional<bool> is_settled = fifths.IsSettled();
-  const auto end = LearnsUntil(TextOf(result_, "source"), EntryOf(result_, "hyperparameters"));
-  if (end && last.updates >= *end) is_settled = true;
+  const std::optional<bool> is_settled =
+      HasSettled(fifths, last.updates,
+                 LearnsUntil(TextOf(result_, "source"), EntryOf(result_, "hyperparameters")));
   if (is_settled ? settled != *is_settled : !settled.is_null()) {
     Fault(fmt::format("settled is {}, the curve makes it {}", settled.dump(),
                       is_settled ? (*is_settled ? "true" : "false") : "null"));

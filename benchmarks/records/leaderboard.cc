@@ -99,10 +99,6 @@ std::set<std::string> KnownBenchmarks(
   return known;
 }
 
-std::set<std::string> NamesIn(const Json& result) {
-  return EntryOf(result, "benchmarks").get<std::set<std::string>>();
-}
-
 // Results of one cell.
 struct Cell {
   std::vector<const Json*> results;
@@ -248,11 +244,14 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   }
   // A result names the benchmarks that its own plan knew: a cell fills those that one of its names.
   std::map<std::string, std::set<std::string>> filled;
-  for (const Json& result : results) filled[CellKey(result)].merge(NamesIn(result));
+  for (const Json& result : results) {
+    std::set<std::string>& names = filled[CellKey(result)];
+    for (std::string& name : TextsOf(result, "benchmarks")) names.insert(std::move(name));
+  }
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
     const std::string key = CellKey(result);
-    for (const std::string& name : filled.at(key)) {
+    for (const std::string& name : filled[key]) {
       Cell& cell = cells[name][key];
       const bool is_copy = copied.contains(&result);
       if (!is_copy) cell.Add(&result);

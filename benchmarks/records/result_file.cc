@@ -172,9 +172,8 @@ bool HasComeFurther(const RunResult& before, const RunOutcome& outcome,
 void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json) {
   const CurvePoint& last = outcome.curve.back();
   const Fifths fifths = FifthsOf(outcome.curve);
-  std::optional<bool> settled = fifths.IsSettled();
-  const auto end = LearnsUntil(outcome.source, outcome.hyperparameters);
-  if (end && last.updates >= *end) settled = true;
+  const std::optional<bool> settled =
+      HasSettled(fifths, last.updates, LearnsUntil(outcome.source, outcome.hyperparameters));
   json->update({{"updates", last.updates},
                 {"finished", HasFinished(outcome, origin)},
                 {"score", OrNull(last.score)},
@@ -226,6 +225,12 @@ std::optional<uint64_t> LearnsUntil(std::string_view source, const Json& hyperpa
   const double updates = NumberOf(hyperparameters, "cosine-updates").value_or(0);
   if (source != "own" || updates < 1) return std::nullopt;
   return static_cast<uint64_t>(std::min(updates, 1e18));  // what files say may be beyond 64 bits
+}
+
+std::optional<bool> HasSettled(const Fifths& fifths, uint64_t updates,
+                               std::optional<uint64_t> learns_until) {
+  if (learns_until && updates >= *learns_until) return true;
+  return fifths.IsSettled();
 }
 
 std::string FolderOfResults(const std::string& folder) {

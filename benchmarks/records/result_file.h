@@ -78,6 +78,10 @@ std::string CellKey(const nlohmann::ordered_json& result);
 // and `hyperparameters`: its learning rate has then fallen to 0. Nothing: without end.
 std::optional<uint64_t> LearnsUntil(std::string_view source,
                                     const nlohmann::ordered_json& hyperparameters);
+// Whether a run's score is known to move no longer after so many updates: by its curve's fifths, or
+// because its policy learns no more. Nothing: nobody can say.
+std::optional<bool> HasSettled(const Fifths& fifths, uint64_t updates,
+                               std::optional<uint64_t> learns_until);
 
 // Where the results of a folder lie: in its folder "results" if it has one and holds no results
 // itself, as the folder of a suite's runs does, else in itself.

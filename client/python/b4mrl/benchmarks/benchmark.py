@@ -105,21 +105,16 @@ class Benchmark(Shown):
 
     @property
     def _dataset(self) -> Dataset | None:
-        return self._find_dataset(self._make_rows)
-
-    def _find_dataset(self, make_rows: int | None) -> Dataset | None:
-        """The dataset, opened once a ledger; None for a benchmark without one.
-
-        UnknownNameError: it is missing, and `make_rows` is None.
-        """
+        """The dataset, opened once a ledger; None for a benchmark without one."""
         if not self.info.dataset:
             return None
         ledger = self._usage.learning
         if self._opened is None or self._opened[0] is not ledger or self._opened[1].is_closed:
-            self._opened = ledger, self._open_dataset(ledger, make_rows)
+            self._opened = ledger, self._open_dataset(ledger, self._make_rows)
         return self._opened[1]
 
     def _open_dataset(self, ledger: Ledger | None, make_rows: int | None) -> Dataset:
+        """UnknownNameError: the dataset is missing, and `make_rows` is None."""
         names = self.info.dataset, self.info.corruption
         options: dict[str, Any] = {"environment": self.environment, "ledger": ledger}
         open_it = functools.partial(self._client.dataset, *names, **options)

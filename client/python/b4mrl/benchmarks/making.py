@@ -144,4 +144,4 @@ def warn_of_other_rows(name: str, found: DatasetInForce, asked: int) -> None:
         )
     else:
         return
-    warnings.warn(text, RuntimeWarning, stacklevel=6)  # at the use of Benchmark.dataset
+    warnings.warn(text, RuntimeWarning, stacklevel=5)  # at the use of Benchmark.dataset
