@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -18,9 +19,13 @@ TABLE = json.loads(CASES.read_text())
 
 
 @pytest.fixture(scope="module", params=["sockets", "doors", "relay"])
-def player(request: pytest.FixtureRequest) -> Iterator[Player]:
+def player(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Player]:
     arguments = ["--single-port"] if request.param == "relay" else []
-    with b4mrl.serve(tcp=True, workers=2, arguments=arguments) as endpoint:
+    data = tmp_path_factory.mktemp("served") / "data"
+    shutil.copytree(CASES.parent / "data", data)
+    with b4mrl.serve(data=data, tcp=True, workers=2, arguments=arguments) as endpoint:
         player = Player(endpoint, through_doors=request.param == "doors")
         yield player
         player.close()
