@@ -298,7 +298,10 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   }
   for (const std::string& path : plan.ipc) {
     B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway, &listeners->socket_files));
-    if (options.own_folder) OwnFolderOf(path, options.data_folder, listeners);
+  }
+  // Of the first alone: the user may have added others, in folders of their own.
+  if (options.own_folder && !plan.ipc.empty()) {
+    OwnFolderOf(plan.ipc.front(), options.data_folder, listeners);
   }
   if (!options.single_port) {
     B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));
