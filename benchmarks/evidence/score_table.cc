@@ -79,12 +79,27 @@ std::optional<double> Cell::MeanOf(
   return sum / static_cast<double>(runs.size());
 }
 
-Course Cell::CourseOfScore() const {
-  if (!std::ranges::all_of(runs, &ScoredRun::ended)) return Course::kRising;
-  const bool learns = std::ranges::any_of(runs, [](const ScoredRun* run) {
+bool Cell::Learns() const {
+  return std::ranges::any_of(runs, [](const ScoredRun* run) {
     return !run->learns_until || run->updates < *run->learns_until;
   });
-  if (!learns) return Course::kSettled;
+}
+
+bool Cell::IsSurelySettled() const {
+  if (!IsSettled() || !Learns()) return IsSettled();
+  const auto squared_error = MeanOf([](const ScoredRun& run) -> std::optional<double> {
+    if (!run.fifths.movement_error) return std::nullopt;
+    return *run.fifths.movement_error * *run.fifths.movement_error;
+  });
+  if (!squared_error) return false;
+  const double error = std::sqrt(*squared_error / static_cast<double>(runs.size()));
+  const auto tolerance = MeanOf([](const ScoredRun& run) { return run.fifths.tolerance; });
+  return std::abs(*MeanOf(MovementOf)) + error <= *tolerance;
+}
+
+Course Cell::CourseOfScore() const {
+  if (!std::ranges::all_of(runs, &ScoredRun::ended)) return Course::kRising;
+  if (!Learns()) return Course::kSettled;
   const auto movement = MeanOf(MovementOf);
   if (!movement) return Course::kUntold;
   const auto tolerance = MeanOf([](const ScoredRun& run) { return run.fifths.tolerance; });

@@ -40,8 +40,12 @@ struct Cell {
   // The mean over the seeds of something that a run may lack; nothing if one lacks it.
   std::optional<double> MeanOf(
       const std::function<std::optional<double>(const ScoredRun&)>& value) const;
+  // Whether a run's policy still learns at its last update.
+  bool Learns() const;
   Course CourseOfScore() const;
   bool IsSettled() const { return CourseOfScore() == Course::kSettled; }
+  // Whether it has settled and would have with one standard error of its movement on top.
+  bool IsSurelySettled() const;
   uint64_t LeastUpdates() const;
   uint64_t MostUpdates() const;
 };

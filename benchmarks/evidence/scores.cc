@@ -163,6 +163,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   score.std = cell.Deviation();
   score.seeds = cell.runs.size();
   score.settled = cell.IsSettled();
+  score.surely_settled = cell.IsSurelySettled();
   score.course = cell.CourseOfScore();
   score.last_fifth = cell.MeanOf([](const ScoredRun& run) { return run.fifths.last; });
   score.gain_per_doubling =

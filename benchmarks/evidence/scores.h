@@ -30,6 +30,7 @@ struct CellScore {
   double std = 0;  // between seeds, divided by their number; 0 with one seed
   size_t seeds = 0;
   bool settled = true;
+  bool surely_settled = true;        // Cell::IsSurelySettled
   Course course = Course::kSettled;  // of ours: why it has not settled
   // The mean over the seeds of the scores in the last fifth of the runs, where there is one.
   std::optional<double> last_fifth;

@@ -19,9 +19,10 @@ Table EstimatesTable(const Aggregates& aggregates) {
   table.caption =
       "Each cell counts once, however many benchmarks its runs fill: an algorithm that uses no "
       "dataset has one for each simulator, one that uses no simulator one for each dataset. "
-      "Intervals of 95%: percentile bootstrap, 50,000 resamples of cells and of the runs inside "
-      "them, from eight cells on. In the interquartile mean each cell stands by the mean of its "
-      "runs where an algorithm's cells differ in their number of seeds.";
+      "Interquartile means and their intervals stand where there are eight cells or more: of fewer "
+      "there is next to nothing to cut off. Intervals of 95%: percentile bootstrap, 50,000 "
+      "resamples of cells and of the runs inside them. In the interquartile mean each cell stands "
+      "by the mean of its runs where an algorithm's cells differ in their number of seeds.";
   table.columns = {{"Algorithm"},
                    {"Cells", true},
                    {"Interquartile mean", true},
@@ -30,9 +31,11 @@ Table EstimatesTable(const Aggregates& aggregates) {
                    {"Mean", true},
                    {"Interquartile mean of the paper's means", true}};
   for (const Aggregate& each : aggregates.series) {
+    const bool is_enough = each.cells >= kLeastBenchmarks;
     table.rows.push_back({DisplayName(each.series), fmt::format("{}", each.cells),
-                          Fixed(each.iqm, 1), IntervalEntry(each.iqm_interval, 1),
-                          Fixed(each.median, 1), Fixed(each.mean, 1), Fixed(each.paper_iqm, 1)});
+                          is_enough ? Fixed(each.iqm, 1) : kMissing,
+                          IntervalEntry(each.iqm_interval, 1), Fixed(each.median, 1),
+                          Fixed(each.mean, 1), is_enough ? Fixed(each.paper_iqm, 1) : kMissing});
   }
   return table;
 }

@@ -28,7 +28,8 @@ Section OriginSection(const Evidence& evidence) {
   table.title = "What ran where.";
   table.caption =
       "The budget is the one that a run was last continued with; the program's commit stands in "
-      "each result.";
+      "each result. What the names of the project's budgets and recipes stand for says "
+      "benchmarks/budgets.toml.";
   table.columns = {{"Budget"},      {"Precision"},  {"Version"},         {"Processor"},
                    {"BLAS kernel"}, {"Runs", true}, {"Core-hours", true}};
   for (const auto& [key, sum] : groups) {

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "proto/base/mean_and_std.h"
+
 namespace b4mrl {
 namespace {
 
@@ -11,19 +13,27 @@ using Json = nlohmann::ordered_json;
 
 constexpr size_t kColumns = 5;
 
-// Over the evaluations in (from, to] of the run.
-std::optional<double> MeanBetween(const Curve& curve, double from, double to) {
-  double sum = 0;
-  int count = 0;
+// Those of the evaluations in (from, to] of the run.
+std::vector<double> ScoresBetween(const Curve& curve, double from, double to) {
+  std::vector<double> scores;
   const auto last = static_cast<double>(curve.back().updates);
   for (const CurvePoint& each : curve) {
     const auto updates = static_cast<double>(each.updates);
     if (updates <= from * last || updates > to * last) continue;
-    sum += each.score.value_or(each.mean_return);
-    ++count;
+    scores.push_back(each.score.value_or(each.mean_return));
   }
-  if (count == 0) return std::nullopt;
-  return sum / count;
+  return scores;
+}
+
+std::optional<double> MeanOf(const std::vector<double>& scores) {
+  if (scores.empty()) return std::nullopt;
+  return MeanAndStdOf(scores).mean;
+}
+
+// The square of their mean's standard error; they are two or more.
+double SquaredErrorOf(const std::vector<double>& scores) {
+  const double std = MeanAndStdOf(scores).std;
+  return std * std / static_cast<double>(scores.size() - 1);
 }
 
 }  // namespace
@@ -40,7 +50,11 @@ std::optional<bool> Fifths::IsSettled() const {
 }
 
 Fifths FifthsOf(const Curve& curve) {
-  Fifths fifths = {MeanBetween(curve, 0.8, 1), MeanBetween(curve, 0.6, 0.8), kSettledPoints};
+  const auto last = ScoresBetween(curve, 0.8, 1), before = ScoresBetween(curve, 0.6, 0.8);
+  Fifths fifths = {MeanOf(last), MeanOf(before), kSettledPoints};
+  if (last.size() > 1 && before.size() > 1) {
+    fifths.movement_error = std::sqrt(SquaredErrorOf(last) + SquaredErrorOf(before));
+  }
   if (!curve.back().score) {
     const auto [low, high] = std::ranges::minmax(curve, {}, &CurvePoint::mean_return);
     fifths.tolerance = kSettledShare * (high.mean_return - low.mean_return);

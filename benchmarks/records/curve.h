@@ -26,6 +26,9 @@ struct Fifths {
   // By how much the two may differ in a curve that has settled: kSettledPoints or, of returns,
   // which have no scale, kSettledShare of the span between its lowest and highest evaluation.
   double tolerance = 0;
+  // The standard error of the movement, by how much the evaluations within each fifth vary, as if
+  // each were a draw of its own; nothing if a fifth has fewer than two.
+  std::optional<double> movement_error;
   // The last less the one before; nothing if one is missing.
   std::optional<double> Movement() const;
   // Whether they differ by at most the tolerance; nothing if one is missing.
