@@ -2,6 +2,8 @@
 // several jobs (job.h) under way. Thread rule: one thread.
 #pragma once
 
+#include <poll.h>
+
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -65,6 +67,16 @@ void CollectEnded(std::list<Active>& active, Finish finish) {
     }
     finish(*each, *exit_code);
     each = active.erase(each);
+  }
+}
+
+// Tells all of `active` to stop, and waits for them together, as each may take its grace.
+template <typename Active>
+void StopAll(std::list<Active>& active) {
+  for (Active& each : active) each.job.Stop();
+  while (!active.empty()) {
+    CollectEnded(active, [](const Active&, int) {});
+    if (!active.empty()) poll(nullptr, 0, kJobPollMs);
   }
 }
 

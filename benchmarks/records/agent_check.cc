@@ -84,6 +84,7 @@ Result<std::vector<std::string>> AgentChecker::Check() {
   CheckText("dataset's SHA-256", said.dataset_sha256, TextOf(dataset, "sha256"));
   CheckText("corruption", Spelled(said.corruption), Spelled(TextOf(result_, "corruption")));
   CheckText("simulator", Spelled(said.simulator), Spelled(TextOf(result_, "simulator")));
+  CheckText("world", Spelled(said.world), Spelled(TextOf(result_, "world")));
   CheckCount("updates", said.updates, "updates");
   if (is_own_) {
     CheckText("algorithm", said.algorithm, TextOf(result_, "algorithm"));

@@ -53,7 +53,7 @@ Json Needed(const Json& result, const std::set<std::string>& benchmarks) {
   };
   add_numbers(result, {"updates", "score", "return", "seconds"}, &needed);
   if (EntryOf(result, "settled").is_boolean()) needed["settled"] = EntryOf(result, "settled");
-  needed["episodes"] = EntryOf(result, "returns").size();
+  needed["episodes"] = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
   Json& ledger = needed["ledger"] = Json::object();
   add_numbers(EntryOf(result, "ledger"), {"simulator_steps", "query_rows", "dataset_rows"},
               &ledger);

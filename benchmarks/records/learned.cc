@@ -138,11 +138,19 @@ bool HasAgent(const std::string& folder) { return Exists(AgentPath(folder)); }
 
 std::string LearnerHash(const PlannedRun& run) { return Sha256OfText(run.learner); }
 
-bool HasLearned(const PlannedRun& run, const std::string& folder) {
+bool HasLearned(const PlannedRun& run, const std::string& folder,
+                const std::string& columns_sha256) {
   const auto learned = ReadJsonObject(LearnedPath(folder), kMaxOwnFileBytes);
   return learned.ok() && TextOf(*learned, "learner_sha256") == LearnerHash(run) &&
+         TextOf(*learned, "columns_sha256") == columns_sha256 &&
          CountOf(*learned, "planned_updates") >= run.updates &&
          (TextOf(*learned, "source") != "user" || HasAgent(folder));
+}
+
+std::optional<std::string> LearnedRows(const std::string& folder) {
+  const auto learned = ReadJsonObject(LearnedPath(folder), kMaxOwnFileBytes);
+  if (!learned.ok() || !EntryOf(*learned, "columns_sha256").is_string()) return std::nullopt;
+  return TextOf(*learned, "columns_sha256");
 }
 
 void RemoveLearned(const std::string& folder) {
@@ -156,8 +164,10 @@ void RemoveLearned(const std::string& folder) {
 Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder,
                                 const LearnersUse& use, const EnvironmentSpec& environment) {
   Json learned = WithAttempts(run, folder, use);
-  learned.update(
-      {{"planned_updates", run.updates}, {"updates", run.updates}, {"processor", ProcessorName()}});
+  learned.update({{"columns_sha256", use.columns_sha256},
+                  {"planned_updates", run.updates},
+                  {"updates", run.updates},
+                  {"processor", ProcessorName()}});
   if (HasAgent(folder)) {
     B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(AgentPath(folder)));
     B4MRL_RETURN_IF_ERROR(CheckAgent(agent, environment, AgentPath(folder)));

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "benchmarks/plan/plan.h"
@@ -18,6 +19,7 @@ namespace b4mrl {
 struct LearnersUse {
   double seconds = 0;
   nlohmann::ordered_json ledger;  // the entry "ledger" of a result; null: nobody could count it
+  std::string columns_sha256;     // of the rows of its dataset as it began; "" without a dataset
 };
 
 // Keeps what a learner that ended with code 0 has left, and what it used, with what KeepAttempt has
@@ -30,10 +32,14 @@ Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder
 // cut off or failed: the next one may go on from what they have left. A start whose runner was
 // killed with it is lost.
 Status KeepAttempt(const PlannedRun& run, const std::string& folder, const LearnersUse& use);
-// Whether KeepLearned has succeeded there for the run's command and for as many updates as it is
-// to do, and the agent that it kept, if any, is still there; whether the learner has left an agent.
-bool HasLearned(const PlannedRun& run, const std::string& folder);
+// Whether KeepLearned has succeeded there for the run's command, these rows and as many updates as
+// it is to do, and the agent that it kept, if any, is still there; whether the learner has left an
+// agent.
+bool HasLearned(const PlannedRun& run, const std::string& folder,
+                const std::string& columns_sha256);
 bool HasAgent(const std::string& folder);
+// The hash of the rows that KeepLearned was told of there; nothing where it has kept nothing.
+std::optional<std::string> LearnedRows(const std::string& folder);
 // Removes what an earlier attempt has left of these files, but nothing else that a learner may keep
 // there to go on from.
 void RemoveLearned(const std::string& folder);

@@ -25,6 +25,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr size_t kHashDigits = 16;
+// How often an agent is evaluated whose file another one replaces meanwhile.
+constexpr int kMostTries = 3;
 
 // Paths of the agents of a folder.
 Result<std::vector<std::string>> AgentsIn(const std::string& folder) {
@@ -45,6 +47,7 @@ class Evaluations {
  private:
   struct Agent {
     std::string path, result;  // result: where its evaluation is kept
+    int tries = 1;
   };
   struct Active {
     Agent agent;
@@ -53,7 +56,8 @@ class Evaluations {
 
   bool Begin(const Agent& agent);  // false: another program evaluates it
   Result<bool> TryToBegin(const Agent& agent);
-  void Finish(const Agent& agent, int exit_code);
+  void Finish(Agent agent, int exit_code);
+  Result<std::string> ResultOf(const std::string& path) const;
   void Fail(const Agent& agent, std::string_view reason);
   void Say(const std::string& line) const {
     if (!options_.quiet) Tell(line + "\n");
@@ -70,17 +74,13 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
   if (paths.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no agents", options_.folder));
   }
-  const std::string folder = options_.folder + "/evaluations";
-  B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
-  std::set<std::string> hashes;
+  B4MRL_RETURN_IF_ERROR(MakeFolder(options_.folder + "/evaluations"));
+  std::set<std::string> results;
   for (const std::string& path : paths) {
-    const auto hash = Sha256OfFile(path, kMaxAgentFileBytes, UnlessInterrupted);
+    const auto result = ResultOf(path);
     if (Interrupted()) break;
-    if (!hash.ok()) Fail({path, ""}, hash.status().message());
-    if (!hash.ok() || !hashes.insert(hash->substr(0, kHashDigits)).second) continue;
-    waiting_.push_back(
-        {path, fmt::format("{}/{}-e{}-s{}.json", folder, hash->substr(0, kHashDigits),
-                           options_.episodes, options_.seed)});
+    if (!result.ok()) Fail({path, ""}, result.status().message());
+    if (result.ok() && results.insert(*result).second) waiting_.push_back({path, *result});
   }
   summary_.agents = waiting_.size() + summary_.failed.size();
   while (!Interrupted() && !(active_.empty() && waiting_.empty())) {
@@ -91,9 +91,16 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
                  [this](const Active& ended, int exit_code) { Finish(ended.agent, exit_code); });
     if (!(active_.empty() && waiting_.empty())) poll(nullptr, 0, kJobPollMs);
   }
-  active_.clear();  // stops what still runs
+  StopAll(active_);
   summary_.interrupted = Interrupted();
   return summary_;
+}
+
+Result<std::string> Evaluations::ResultOf(const std::string& path) const {
+  B4MRL_ASSIGN_OR_RETURN(const std::string hash,
+                         Sha256OfFile(path, kMaxAgentFileBytes, UnlessInterrupted));
+  return fmt::format("{}/evaluations/{}-e{}-s{}.json", options_.folder, hash.substr(0, kHashDigits),
+                     options_.episodes, options_.seed);
 }
 
 bool Evaluations::Begin(const Agent& agent) {
@@ -130,7 +137,16 @@ Result<bool> Evaluations::TryToBegin(const Agent& agent) {
   return true;
 }
 
-void Evaluations::Finish(const Agent& agent, int exit_code) {
+void Evaluations::Finish(Agent agent, int exit_code) {
+  // A training that goes on there replaces its agent, and which one was read nobody knows.
+  const auto result = ResultOf(agent.path);
+  if (!result.ok()) return Fail(agent, result.status().message());
+  if (*result != agent.result) {
+    if (agent.tries == kMostTries) {
+      return Fail(agent, fmt::format("was replaced while it was evaluated, {} times", kMostTries));
+    }
+    return waiting_.push_back({agent.path, *result, agent.tries + 1});
+  }
   if (exit_code != 0) {
     return Fail(
         agent, fmt::format("ended with code {}, see {}", exit_code, LogOfEvaluation(agent.result)));

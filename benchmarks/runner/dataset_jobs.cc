@@ -31,10 +31,17 @@ Result<std::optional<UsedDataset>> DatasetJobs::FindCounted(const std::string& f
   return Find(full_name);
 }
 
+std::string DatasetJobs::WayOut(const PlannedRun& run) const {
+  std::string command = fmt::format("b4mrl dataset make {} --replace", run.dataset);
+  if (run.rows) command += fmt::format(" --rows {}", *run.rows);
+  for (const std::string& word : place_.daemon_words) command += " " + word;
+  const bool is_own = place_.daemon_words.empty() || place_.daemon_words.front() == "--data";
+  return fmt::format("make it again ({}){}", command,
+                     is_own ? ", or choose another --data-folder" : "");
+}
+
 std::string DatasetJobs::Refusal(const PlannedRun& run, const UsedDataset& dataset) const {
-  const std::string way_out = fmt::format(
-      "make it again (b4mrl dataset make {} --replace), or choose another --data-folder",
-      run.dataset);
+  const std::string way_out = WayOut(run);
   const bool is_counted = dataset.rows > 0;
   if (is_counted && run.rows && dataset.rows != *run.rows) {
     return fmt::format("{} in {} has {} rows, not the {} of this run; {}", dataset.name,

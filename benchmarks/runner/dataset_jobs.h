@@ -52,6 +52,8 @@ class DatasetJobs {
 
  private:
   Result<std::vector<UsedDataset>> ListUsed() const;
+  // What to do about rows that a run must not train on.
+  std::string WayOut(const PlannedRun& run) const;
   // Whether a process without this folder's claim is making it.
   bool IsMadeElsewhere(const std::string& full_name) const;
   std::string CouldNotBeMade(const std::string& full_name) const;

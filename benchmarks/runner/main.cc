@@ -19,7 +19,6 @@
 #include "algorithms/base/within_memory.h"
 #include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/suite_plan.h"
-#include "benchmarks/runner/agent_evaluations.h"
 #include "benchmarks/runner/dataset_jobs.h"
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/plan_status.h"
@@ -197,8 +196,8 @@ Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
   }
   if (options.endpoint.starts_with("ipc:") || options.endpoint.starts_with("tcp://127.")) {
     Tell(
-        fmt::format("the daemon at {} can be reached from its own machine alone: tasks on other "
-                    "nodes will fail\n",
+        fmt::format("the daemon at {} is reached from its own machine alone: tasks on other nodes "
+                    "will fail\n",
                     options.endpoint));
   }
   B4MRL_RETURN_IF_ERROR(SubmitMissingRuns(plan, submission));
@@ -260,6 +259,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_RETURN_IF_ERROR(ChooseBenchmarks(choice).status());
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
+    options.data_folder = fs::absolute(options.data_folder, error);
     if (!looks) B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
     B4MRL_ASSIGN_OR_RETURN(daemon, StartDaemon(options.data_folder));
   } else if (!options.suites.empty()) {
@@ -273,7 +273,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   // So that what learners have brought is still recorded after an interrupt.
   client.DelayCancellation(kInterruptPatience);
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
-  options.data_folder = daemon_status.data_folder();
+  if (!daemon) options.data_folder = daemon_status.data_folder();
   B4MRL_ASSIGN_OR_RETURN(SuitePlan suite, PlanSuite(choice, chosen, client));
   if (suite.runs.empty()) {
     return Status(StatusCode::kInvalidArgument,
@@ -282,47 +282,24 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
                       : fmt::format("{}", fmt::join(suite.left_out, "\n")));
   }
   for (const std::string& reason : suite.left_out) Tell(reason + "\n");
-  std::vector<PlannedRun> plan = std::move(suite.runs);
-  if (work == PlanWork::kSubmit) return Submit(plan);
-  B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
+  if (looks || work == PlanWork::kSubmit) {
+    const DatasetJobs datasets(
+        client, {.data_folder = options.data_folder, .daemon_words = DaemonWordsOf(options)});
+    B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(suite.runs));
+    for (const std::string& refusal : refusals) Tell(refusal + "\n");
+  }
+  if (work == PlanWork::kSubmit) return Submit(suite.runs);
+  B4MRL_ASSIGN_OR_RETURN(const auto plan, Chosen(std::move(suite.runs)));
   if (looks) {
     const PlanStatus status =
         StatusOf(plan, options.folder, options.results, options.until_settled);
     for (const std::string& problem : status.problems) Tell(problem + "\n");
-    DatasetJobs datasets(client, {.data_folder = options.data_folder});
-    B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(plan));
-    for (const std::string& refusal : refusals) Tell(refusal + "\n");
     fmt::print("{}", json ? JsonOf(plan, status) : TextOf(plan, status));
     return kExitDone;
   }
   Runner runner(options, chosen, plan, client);
   B4MRL_ASSIGN_OR_RETURN(const RunnerSummary summary, runner.Work());
   return Report(summary, plan.size());
-}
-
-void AddEvaluationOptions(CLI::App& app, AgentEvaluationOptions& options) {
-  app.add_option("folder", options.folder, "folder with agents")->required();
-  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->transform(Count(1, 1024));
-  app.add_option("--episodes", options.episodes, "episodes of each agent [100]")
-      ->transform(Count(1, limits::kMaxLanesPerSession));
-  app.add_option("--seed", options.seed,
-                 "seed of the starts; 0 has those of training's evaluations [1]")
-      ->transform(Seed());
-  app.add_option("--endpoint", options.endpoint,
-                 "address of a daemon that all processes are to use [$B4MRL_ENDPOINT, else each "
-                 "starts its own]")
-      ->envname("B4MRL_ENDPOINT")
-      ->check(Address());
-  app.add_flag("--quiet", options.quiet, "show no progress on stderr");
-}
-
-Result<int> EvaluateFolder(const AgentEvaluationOptions& options) {
-  B4MRL_ASSIGN_OR_RETURN(const AgentEvaluationSummary summary, EvaluateAgents(options));
-  fmt::print("{} of {} agents evaluated, {} failed; in {}/evaluations\n", summary.done,
-             summary.agents, summary.failed.size(), options.folder);
-  for (const std::string& line : summary.failed) fmt::print("failed: {}\n", line);
-  if (summary.interrupted) return InterruptExitCode();
-  return summary.failed.empty() ? kExitDone : kExitFailed;
 }
 
 int ExitCodeOf(const Status& status) {
@@ -361,20 +338,16 @@ int Main(int argc, char** argv) {
       "have not ended well");
   status.AddTo(*status_app);
   status_app->add_flag("--json", status.json, "list the runs as one JSON array");
-  AgentEvaluationOptions evaluation;
-  evaluation.jobs = run.options.jobs;
-  CLI::App* evaluate_app = app.add_subcommand(
-      "evaluate", "evaluate all agents of a folder, each once, several at a time");
-  AddEvaluationOptions(*evaluate_app, evaluation);
   RecordsCommand records;
-  records.check.jobs = run.options.jobs;
+  records.check.jobs = records.evaluation.jobs = run.options.jobs;
+  CLI::App* evaluate_app = records.AddEvaluate(app);
   CLI::App* check_app = records.AddCheck(app);
   CLI::App* leaderboard_app = records.AddLeaderboard(app);
   if (const auto word_code = ParseWords(app, {argv + 1, argv + argc})) return *word_code;
   CatchInterrupts();
   Result<int> code = kExitFailed;
   const Status memory = WithinMemory("this command", [&] {
-    code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
+    code = evaluate_app->parsed()      ? records.Evaluate()
            : check_app->parsed()       ? records.Check()
            : leaderboard_app->parsed() ? records.PrintLeaderboard()
            : run_app->parsed()         ? run.Run(PlanWork::kTrain)

@@ -10,6 +10,7 @@
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
 #include "proto/base/exit_codes.h"
+#include "proto/base/limits.h"
 #include "proto/command_line/words.h"
 
 namespace b4mrl {
@@ -36,6 +37,28 @@ CLI::App* RecordsCommand::AddLeaderboard(CLI::App& app) {
       "leaderboard", "print, for each benchmark, the algorithms of a folder of results as CSV");
   command->add_option("results", results, "folder of results")->required();
   AddSuites(*command, suites);
+  return command;
+}
+
+CLI::App* RecordsCommand::AddEvaluate(CLI::App& app) {
+  CLI::App* command = app.add_subcommand(
+      "evaluate", "evaluate all agents of a folder, each once, several at a time");
+  command->add_option("folder", evaluation.folder, "folder with agents")->required();
+  command->add_option("--jobs", evaluation.jobs, "processes at a time [cores]")
+      ->transform(Count(1, 1024));
+  command->add_option("--episodes", evaluation.episodes, "episodes of each agent [100]")
+      ->transform(Count(1, limits::kMaxLanesPerSession));
+  command
+      ->add_option("--seed", evaluation.seed,
+                   "seed of the starts; 0 has those of training's evaluations [1]")
+      ->transform(Seed());
+  command
+      ->add_option("--endpoint", evaluation.endpoint,
+                   "address of a daemon that all processes are to use [$B4MRL_ENDPOINT, else each "
+                   "starts its own]")
+      ->envname("B4MRL_ENDPOINT")
+      ->check(Address());
+  command->add_flag("--quiet", evaluation.quiet, "show no progress on stderr");
   return command;
 }
 
@@ -66,7 +89,9 @@ Result<int> RecordsCommand::Check() const {
   sources.find_environment = [&](const std::string& name) { return client.FindEnvironment(name); };
   B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadBenchmarks(suites));
   B4MRL_ASSIGN_OR_RETURN(sources.budgets, ReadBudgets(DefaultBudgetsFile()));
-  B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
+  ResultCheckOptions asked = check;
+  asked.endpoint = daemon.endpoint();
+  B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(asked, sources));
   size_t sound = 0;
   for (const CheckedResult& result : checked) {
     const std::string agent =
@@ -98,6 +123,15 @@ Result<int> RecordsCommand::PrintLeaderboard() const {
   for (const std::string& reason : skipped) Tell(OnOneLine("left out: " + reason) + "\n");
   fmt::print("{}", csv);
   return kExitDone;
+}
+
+Result<int> RecordsCommand::Evaluate() const {
+  B4MRL_ASSIGN_OR_RETURN(const AgentEvaluationSummary summary, EvaluateAgents(evaluation));
+  fmt::print("{} of {} agents evaluated, {} failed; in {}/evaluations\n", summary.done,
+             summary.agents, summary.failed.size(), evaluation.folder);
+  for (const std::string& line : summary.failed) fmt::print("failed: {}\n", line);
+  if (summary.interrupted) return InterruptExitCode();
+  return summary.failed.empty() ? kExitDone : kExitFailed;
 }
 
 }  // namespace b4mrl

@@ -32,9 +32,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// An agent of a usual size plays the most episodes in a minute; a stranger's could take hours.
-constexpr int64_t kScoringDeadlineMs = 600'000;
-
 Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   std::error_code error;
   if (!fs::exists(path, error)) return IoError("open", path, ENOENT);
@@ -94,7 +91,7 @@ class ResultChecks {
   struct Active {
     size_t number;  // of the result
     Job job;
-    Deadline deadline = Deadline::AfterMs(kScoringDeadlineMs);
+    Deadline deadline;
   };
 
   Status ReadFiles(const std::vector<std::string>& files);
@@ -170,6 +167,7 @@ void ResultChecks::ScoreAgents() {
     CollectEnded(active_, [this](const Active& ended, int code) { Finish(ended, code); });
     if (!active_.empty()) poll(nullptr, 0, kJobPollMs);
   }
+  StopAll(active_);
 }
 
 void ResultChecks::Begin(size_t number) {
@@ -191,9 +189,10 @@ Status ResultChecks::TryToBegin(size_t number) {
   const EvaluationOrder order = {.agent = AgentOf(number),
                                  .environment = TextOf(result, "environment"),
                                  .simulator = *perturbations,
-                                 .episodes = static_cast<uint32_t>(episodes)};
+                                 .episodes = static_cast<uint32_t>(episodes),
+                                 .daemon_words = {"--endpoint", options_.endpoint}};
   B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, scratch_.File(number), UniqueFd()));
-  active_.push_back({number, std::move(job)});
+  active_.push_back({number, std::move(job), Deadline::AfterMs(options_.scoring_deadline_ms)});
   return Status();
 }
 
@@ -202,7 +201,7 @@ void ResultChecks::Finish(const Active& ended, int exit_code) {
   checked_[number].agent = AgentCheck::kScored;
   if (ended.job.was_stopped()) {
     return Fault(number, fmt::format("its agent could not be scored within {} s",
-                                     kScoringDeadlineMs / 1000));
+                                     options_.scoring_deadline_ms / 1000));
   }
   if (exit_code != 0) {
     Fault(number, fmt::format("its agent could not be scored: code {}", exit_code));

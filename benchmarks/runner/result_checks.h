@@ -17,6 +17,9 @@ struct ResultCheckOptions {
   // passed over.
   std::string path;
   uint32_t jobs = 1;
+  std::string endpoint;  // of the daemon that scores the agents, which is to be of this version
+  // An agent of a usual size plays the most episodes in a minute; a stranger's could take hours.
+  int64_t scoring_deadline_ms = 600'000;
 };
 
 enum class AgentCheck {

@@ -51,7 +51,8 @@ void RemoveTraining(const std::string& folder) {
   const auto state = ReadRunStatus(folder);
   if (state.ok() && state->state != RunState::kFinished) return;
   RemoveFrom(folder, [](std::string_view name) {
-    return name == "replay.bin" || name == "ensemble.h5" || name.starts_with("checkpoint-");
+    return name == "replay.bin" || name == "ensemble.h5" || name.starts_with("checkpoint-") ||
+           name.starts_with("unreadable-checkpoint-");
   });
 }
 

@@ -29,8 +29,8 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
     : options_(options),
       budget_(budget),
       client_(client),
-      datasets_(client,
-                {options.folder, options.data_folder, DaemonWords(), budget.rows.has_value()}),
+      datasets_(client, {options.folder, options.data_folder, DaemonWordsOf(options),
+                         budget.rows.has_value()}),
       end_(Deadline::AfterMs(static_cast<int64_t>(options.hours * 3'600'000))),
       line_(options.quiet) {
   for (const PlannedRun& run : plan) {
@@ -161,12 +161,13 @@ Result<bool> Runner::TryToBegin(size_t number) {
 Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
   Task& task = tasks_[number];
   const PlannedRun& run = *task.run;
+  std::string columns;
   if (!run.dataset.empty()) {
     if (const auto failure = datasets_.Failure(run.full_dataset)) {
       Fail(task, *failure);
       return true;
     }
-    B4MRL_ASSIGN_OR_RETURN(const auto dataset, datasets_.Find(run.full_dataset));
+    B4MRL_ASSIGN_OR_RETURN(const auto dataset, datasets_.FindCounted(run.full_dataset));
     if (!dataset) {  // which the run waits for
       B4MRL_RETURN_IF_ERROR(BeginDataset(run));
       return false;
@@ -175,9 +176,11 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       Fail(task, refusal);
       return true;
     }
+    columns = dataset->columns_sha256;
   }
   RemoveFailure(task.folder);
-  if (!run.is_users() || !HasLearned(run, task.folder)) RemoveScorings(run, task.folder);
+  const bool has_learned = run.is_users() && HasLearned(run, task.folder, columns);
+  if (!has_learned) RemoveScorings(run, task.folder);
   if (!run.is_users()) {
     // The learner of a killed runner may still be about to end. The lock is free again when the
     // next one begins.
@@ -188,11 +191,11 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
     // A run that was stopped on its way to more updates ends where it is: it goes nowhere back.
     const uint64_t begun = checkpoints.empty() ? 0 : checkpoints.front();
     if (checkpoints.empty()) RemoveProgress(task.folder);
-    const JobOrder order =
-        TrainingOrder(run, budget_, std::max(task.target, begun), task.folder, DaemonWords());
+    const JobOrder order = TrainingOrder(run, budget_, std::max(task.target, begun), task.folder,
+                                         DaemonWordsOf(options_));
     B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(order, std::move(claim)));
     active_.push_back({std::move(job), number, "", std::nullopt});
-  } else if (HasLearned(run, task.folder)) {  // before a runner was killed
+  } else if (has_learned) {  // before a runner was killed
     B4MRL_RETURN_IF_ERROR(WriteResult(task));
     if (!task.refused.empty()) {
       Fail(task, task.refused);
@@ -203,11 +206,12 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
     return false;
   } else {
     RemoveLearned(task.folder);  // of an attempt that failed, or of another command
+    B4MRL_ASSIGN_OR_RETURN(EnvironmentSpec spec, client_.FindEnvironment(run.environment));
     B4MRL_ASSIGN_OR_RETURN(const uint64_t ledger, client_.OpenLedger());
     const LearnerPlace place = {client_.endpoint(), options_.suites, ledger};
     B4MRL_ASSIGN_OR_RETURN(Job job,
                            Job::Start(LearnerOrder(run, task.folder, place), std::move(claim)));
-    active_.push_back({std::move(job), number, "", std::nullopt, ledger});
+    active_.push_back({std::move(job), number, "", std::nullopt, ledger, std::move(spec), columns});
   }
   Say(fmt::format("start {}", run.name));
   return true;
@@ -230,16 +234,11 @@ Status Runner::BeginScoring(size_t number, const Scoring& scoring, UniqueFd clai
                                  .simulator = scoring.simulator,
                                  .observe = scoring.observe,
                                  .episodes = budget_.episodes,
-                                 .daemon_words = DaemonWords()};
+                                 .daemon_words = DaemonWordsOf(options_)};
   B4MRL_ASSIGN_OR_RETURN(
       Job job, StartEvaluation(order, ScoringPath(task.folder, scoring), std::move(claim)));
   active_.push_back({std::move(job), number, "", scoring});
   return Status();
-}
-
-std::vector<std::string> Runner::DaemonWords() const {
-  if (!options_.endpoint.empty()) return {"--endpoint", options_.endpoint};
-  return {"--data", options_.data_folder};
 }
 
 Status Runner::BeginDataset(const PlannedRun& run) {
@@ -319,7 +318,9 @@ std::optional<RunResult> Runner::FinishedResult(const Task& task) const {
 
 bool Runner::HasBrought(const Active& active) const {
   const Task& task = tasks_[*active.task];
-  if (task.run->is_users() && !active.scoring) return HasLearned(*task.run, task.folder);
+  if (task.run->is_users() && !active.scoring) {
+    return HasLearned(*task.run, task.folder, active.columns_sha256);
+  }
   const auto result = FinishedResult(task);
   if (!result) return false;
   const bool is_further = active.scoring && active.scoring->name != kOwnScoring;
@@ -328,11 +329,10 @@ bool Runner::HasBrought(const Active& active) const {
 
 Status Runner::KeepUsersWork(Active& active) {
   const Task& task = tasks_[*active.task];
-  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec,
-                         client_.FindEnvironment(task.run->environment));
-  B4MRL_ASSIGN_OR_RETURN(
-      const std::string left_out,
-      KeepLearned(*task.run, task.folder, UseOf(client_, active.ledger, active.start), spec));
+  LearnersUse use = UseOf(client_, active.ledger, active.start);
+  use.columns_sha256 = active.columns_sha256;
+  B4MRL_ASSIGN_OR_RETURN(const std::string left_out,
+                         KeepLearned(*task.run, task.folder, use, active.environment));
   if (!left_out.empty()) Say(fmt::format("{} has no curve: {}", task.run->name, left_out));
   return Status();
 }
@@ -366,6 +366,10 @@ Status Runner::WriteResult(Task& task) {
     }
   }
   if (dataset) task.refused = datasets_.Refusal(*task.run, *dataset);
+  if (dataset && is_users &&
+      LearnedRows(task.folder).value_or(dataset->columns_sha256) != dataset->columns_sha256) {
+    task.refused = fmt::format("the rows of {} were replaced while it learned", dataset->name);
+  }
   if (!task.refused.empty()) return Status();
   const ResultOrigin origin = {budget_.name, options_.commit, task.target};
   B4MRL_ASSIGN_OR_RETURN(task.updates,

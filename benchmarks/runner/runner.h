@@ -48,6 +48,13 @@ struct RunnerOptions {
   bool quiet = false;          // no lines about runs on stderr
 };
 
+// Options of a command that make it use the runner's daemon, or the data of a private one of its
+// own.
+inline std::vector<std::string> DaemonWordsOf(const RunnerOptions& options) {
+  if (!options.endpoint.empty()) return {"--endpoint", options.endpoint};
+  return {"--data", options.data_folder};
+}
+
 struct RunnerSummary {
   size_t done = 0;                  // runs with a result, earlier ones included
   std::vector<std::string> failed;  // "<name>: <reason>"
@@ -83,6 +90,9 @@ class Runner {
     std::string dataset;             // the full name, of a dataset's job
     std::optional<Scoring> scoring;  // of an evaluation's job
     uint64_t ledger = 0;             // of a user's learner
+    // Of a user's learner, asked before it starts: its work is kept also if the daemon has ended.
+    EnvironmentSpec environment;
+    std::string columns_sha256 = "";  // of the dataset's rows as a user's learner begins
     Clock::time_point start = Clock::now();
   };
 
@@ -102,7 +112,6 @@ class Runner {
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
   bool FitsTheHours(const Task& task) const;
-  std::vector<std::string> DaemonWords() const;
   void Collect();
   void Finish(Active& active, int exit_code);
   void FinishDataset(const Active& active, int exit_code);

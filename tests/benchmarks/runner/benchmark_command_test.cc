@@ -9,6 +9,7 @@
 
 #include "client/private_daemon.h"
 #include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
 #include "tests/benchmarks/runner/suite.h"
 #include "tests/results.h"
 
@@ -255,12 +256,17 @@ TEST_CASE("A larger budget that was cut off leaves the result of the smaller one
   }));
 }
 
-TEST_CASE("A runner stops when its hours are over and goes on from there") {
-  const Suite suite("td3-bc = 1_000_000");
-  const Outcome stopped = Run(suite.Command({"--hours", "0.001"}));
+TEST_CASE("A runner stops when its hours are over, and another one does what is left") {
+  const Suite suite("td3-bc = 20");
+  const Outcome stopped = Run(suite.Command({"--hours", "0.00001"}));
   INFO(stopped.out << stopped.err);
   CHECK(stopped.exit_code == 0);
   CHECK(stopped.out.find("0 of 1 runs done, 0 failed, 1 left") != std::string::npos);
+  CHECK(suite.Results().empty());
+  const Outcome done = Run(suite.Command());
+  INFO(done.out << done.err);
+  CHECK(done.out.find("1 of 1 runs done") != std::string::npos);
+  CHECK(suite.Results().size() == 1);
 }
 
 TEST_CASE("The index of a frozen plan chooses one run of it") {
@@ -390,6 +396,34 @@ TEST_CASE("Agents of a folder are evaluated once each, by however many programs"
     ++evaluations;
   }
   CHECK(evaluations == 4);
+}
+
+TEST_CASE(
+    "An agent that is replaced while it is evaluated is evaluated again, as what it is then") {
+  const TemporaryFolder folder;
+  const std::string agents = B4MRL_SOURCE_DIR "/data/agents/";
+  fs::copy_file(agents + "hopper-expert.h5", folder.File("agent.h5"));
+  fs::copy_file(agents + "hopper-medium.h5", folder.File("next"));
+  Tool tool({"benchmark", "evaluate", folder.path(), "--episodes", "50"});
+  REQUIRE(tool.WaitForMessage("start "));
+  fs::rename(folder.File("next"), folder.File("agent.h5"));
+  const Outcome outcome = tool.Wait();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(Count(outcome.err, "start ") == 1);  // beside the one that was awaited
+  std::vector<std::string> evaluations;
+  for (const auto& entry : fs::directory_iterator(folder.File("evaluations"))) {
+    if (entry.path().extension() == ".json") evaluations.push_back(entry.path());
+  }
+  REQUIRE(evaluations.size() == 1);
+  const std::string hash = Take(Sha256OfFile(folder.File("agent.h5"))).substr(0, 16);
+  CHECK(fs::path(evaluations[0]).filename().string() == hash + "-e50-s1.json");
+  const Outcome direct = Run({"evaluate", "--json", "--environment", "Hopper", "--agent",
+                              folder.File("agent.h5"), "--episodes", "50", "--seed", "1"});
+  const auto kept = nlohmann::json::parse(ReadBytes(evaluations[0]), nullptr, false);
+  const auto again = nlohmann::json::parse(direct.out, nullptr, false);
+  REQUIRE(kept["returns"].size() == 50);
+  CHECK(kept["returns"] == again["returns"]);
 }
 
 }  // namespace

@@ -220,10 +220,53 @@ TEST_CASE("A result that its user has removed is not written of the training bef
   WriteBytes(suite.File("budget.toml"),
              "[tiny]\nevaluations = 1\nepisodes = 1\nrows = 2_000\n"
              "updates = { td3-bc = 1_000_000 }\n");
-  const Outcome stopped = Run(suite.Command({"--hours", "0.001"}));
+  Tool runner(suite.Command());
+  REQUIRE(runner.WaitForMessage("start "));
+  runner.Signal(SIGTERM);
+  const Outcome stopped = runner.Wait();
   INFO(stopped.out << stopped.err);
-  CHECK(stopped.err.find("start ") != std::string::npos);
   CHECK(suite.Results().empty());
+}
+
+TEST_CASE("What a learner has learned from other rows than those at hand does not count") {
+  const Suite suite("bc = 20");
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = 7\nupdates = { bc = 20 }\n");
+  const std::string data = suite.File("data");
+  REQUIRE(std::filesystem::create_directory(data));
+  const auto make = [&](const char* rows, const char* seed) {
+    REQUIRE(Run({"dataset", "make", "HalfCheetah/medium", "--replace", "--rows", rows, "--seed",
+                 seed, "--data", data})
+                .exit_code == 0);
+  };
+  const auto train = [&] {
+    return Run(
+        suite.Command({"--learner", "echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"",
+                       "--name", "mine", "--data-folder", data}));
+  };
+  make("500", "0");
+  const Outcome refused = train();
+  INFO(refused.out << refused.err);
+  CHECK(refused.exit_code == 1);
+  CHECK(Says(refused.out,
+             "has 500 rows, not the 2000 of this run; make it again (b4mrl dataset "
+             "make HalfCheetah/medium --replace --rows 2000 --data " +
+                 data + ")"));
+  CHECK_FALSE(Says(refused.err, "start "));
+
+  make("2000", "0");
+  const Outcome first = train();
+  INFO(first.out << first.err);
+  CHECK(first.exit_code == 0);
+  CHECK(Says(first.err, "start "));
+  std::filesystem::remove_all(suite.Out() + "/results");
+  CHECK_FALSE(Says(train().err, "start "));  // as if its runner had been killed
+  std::filesystem::remove_all(suite.Out() + "/results");
+  make("2000", "1");
+  const Outcome again = train();
+  INFO(again.out << again.err);
+  CHECK(again.exit_code == 0);
+  CHECK(Says(again.err, "start "));
 }
 
 }  // namespace

@@ -35,7 +35,9 @@ class UsersSuite {
     return Run(suite_.Command(words));
   }
   std::map<std::string, std::string> Results(bool with_agents = true) const {
-    return suite_.Results(with_agents);
+    auto results = suite_.Results(with_agents);
+    REQUIRE(results.size() >= 2);
+    return results;
   }
   std::string File(const std::string& name) const { return suite_.File(name); }
 
@@ -172,9 +174,7 @@ TEST_CASE("The learner in C++ among the examples trains in a suite and is counte
   const Outcome outcome = suite.Train(B4MRL_BINARY_DIR "/own_learner", "lms");
   INFO(outcome.out << outcome.err);
   REQUIRE(outcome.exit_code == 0);
-  const auto results = suite.Results(false);
-  REQUIRE(results.size() == 2);
-  for (const auto& [name, text] : results) {
+  for (const auto& [name, text] : suite.Results(false)) {
     const auto json = nlohmann::json::parse(text, nullptr, false);
     CAPTURE(name, text);
     CHECK(json["source"] == "self-scored");
@@ -187,11 +187,15 @@ TEST_CASE("The learner in C++ among the examples trains in a suite and is counte
   const std::string twice = B4MRL_BINARY_DIR
       "/own_learner && test -e \"$B4MRL_OUT/mine\" || { touch \"$B4MRL_OUT/mine\"; exit 1; }";
   REQUIRE(suite.Train(twice, "twice").exit_code == 0);
+  size_t of_twice = 0;
   for (const auto& [name, text] : suite.Results(false)) {
     const auto json = nlohmann::json::parse(text, nullptr, false);
     CAPTURE(name, text);
-    if (json["algorithm"] == "twice") CHECK(json["ledger"]["dataset_rows"] >= 140);
+    if (json["algorithm"] != "twice") continue;
+    CHECK(json["ledger"]["dataset_rows"] >= 140);
+    ++of_twice;
   }
+  CHECK(of_twice == 2);
 }
 
 TEST_CASE("A learner that leaves nothing, or what cannot be understood, has failed") {
@@ -372,7 +376,9 @@ TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
   REQUIRE(std::filesystem::create_directory(options.data_folder));
   const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
   const std::string kill = fmt::format(
-      "echo '{{\"returns\": [1]}}' > \"$B4MRL_OUT/returns.json\"; kill -9 {}", daemon.process_id());
+      "echo '{{\"returns\": [1]}}' > \"$B4MRL_OUT/returns.json\"; "
+      "test -e {0} || {{ touch {0}; kill -9 {1}; }}",
+      suite.File("killed"), daemon.process_id());
   const Outcome outcome =
       suite.Train(kill, "mine", {"--jobs", "1", "--endpoint", daemon.endpoint()});
   INFO(outcome.out << outcome.err);
@@ -380,6 +386,14 @@ TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
   REQUIRE(outcome.err.find("start ") != std::string::npos);
   CHECK(outcome.err.find("start ") == outcome.err.rfind("start "));  // the other run was not begun
   CHECK(outcome.err.find("fail ") == std::string::npos);
+
+  // What has trained to its end is not trained again.
+  const Outcome again =
+      suite.Train(kill, "mine", {"--jobs", "1", "--data-folder", options.data_folder});
+  INFO(again.out << again.err);
+  CHECK(again.exit_code == 0);
+  CHECK(suite.Results(false).size() == 2);
+  CHECK(again.err.find("start ") == again.err.rfind("start "));
 }
 
 }  // namespace
