@@ -160,7 +160,7 @@ Status TrainingDataset::Load(CheckpointReader& reader, uint64_t update) {
     return Status(
         StatusCode::kDataLoss,
         fmt::format("the run's dataset has fingerprint {}, now it is {}: its rows changed, or an "
-                    "earlier version of b4mrl began the run",
+                    "earlier version of b4mrl began the run; without its folder it begins anew",
                     saved, remote_->fingerprint()));
   }
   Start(update);

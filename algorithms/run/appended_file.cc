@@ -16,12 +16,13 @@ Result<AppendedFile> AppendedFile::Open(const std::string& path, uint64_t bytes)
   const int create = bytes == 0 ? O_TRUNC : 0;
   UniqueFd fd(open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | create, 0644));
   if (!fd.valid()) return IoError("open", path, errno);
-  const auto length = static_cast<off_t>(bytes);
   const off_t end = lseek(fd.get(), 0, SEEK_END);
-  if (end < length) {
+  if (end < 0) return IoError("seek", path, errno);
+  if (static_cast<uint64_t>(end) < bytes) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("{} has {} bytes, the checkpoint says {}", path, end, bytes));
   }
+  const auto length = static_cast<off_t>(bytes);  // not more than the file has
   if (ftruncate(fd.get(), length) != 0) return IoError("cut", path, errno);
   if (lseek(fd.get(), length, SEEK_SET) < 0) return IoError("seek", path, errno);
   return AppendedFile(path, std::move(fd), bytes);

@@ -18,9 +18,11 @@ namespace b4mrl {
 namespace {
 
 // Adds to an error of an unreachable daemon how to start one.
-Status ExplainUnreachable(Status status) {
+Status ExplainUnreachable(Status status, bool is_private) {
   if (status.code() != StatusCode::kUnavailable || Interrupted()) return status;
-  return Status(status.code(), status.message() + "; is it running? `b4mrl serve` starts one");
+  const std::string text = status.message() + "; is it running? `b4mrl serve` starts one";
+  if (is_private) return Status(status.code(), text);
+  return Status(status.code(), text + "; the address is that of --endpoint or B4MRL_ENDPOINT");
 }
 
 }  // namespace
@@ -131,20 +133,23 @@ Result<DaemonConnection> DaemonConnection::Open(const DaemonOptions& options) {
       daemon_options.arguments = {"--suites", options.suites_folder};
     }
     daemon_options.data_folder = options.data_folder;
+    connection.own_data_folder_ =
+        options.data_folder.empty() ? DefaultDataFolder() : options.data_folder;
     daemon_options.niceness = kDaemonGivesWay;
     B4MRL_ASSIGN_OR_RETURN(PrivateDaemon daemon, PrivateDaemon::Start(daemon_options));
     connection.daemon_.emplace(std::move(daemon));
     endpoint = connection.daemon_->endpoint();
   }
   Result<Client> client = Client::Connect(endpoint, limits::kDefaultDeadlineMs, &Interrupted());
-  if (!client.ok()) return ExplainUnreachable(client.status());
+  if (!client.ok()) return ExplainUnreachable(client.status(), options.endpoint.empty());
   connection.client_ = std::make_unique<Client>(*std::move(client));
   return connection;
 }
 
 Result<std::string> DaemonConnection::DataFolder() {
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply status, client_->ServerStatus());
-  const std::string& folder = status.data_folder();
+  // What a daemon says of its folder is text, which a path need not be.
+  const std::string& folder = daemon_ ? own_data_folder_ : status.data_folder();
   if (folder.empty()) {
     return Status(StatusCode::kFailedPrecondition,
                   "the daemon is older than this command and does not say where its datasets are");

@@ -89,6 +89,7 @@ class DaemonConnection {
 
  private:
   std::optional<PrivateDaemon> daemon_;  // outlives the client
+  std::string own_data_folder_;          // of daemon_
   std::unique_ptr<Client> client_;
 };
 

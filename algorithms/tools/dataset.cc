@@ -4,12 +4,12 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <span>
+#include <string>
 
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_pictures.h"
 #include "algorithms/tools/dataset_source.h"
-#include "proto/base/finite.h"
+#include "proto/wire/named_arguments.h"
 
 namespace b4mrl {
 namespace {
@@ -49,36 +49,25 @@ void AddProvenance(const pb::OpenDatasetReply& source, nlohmann::ordered_json* o
   }
 }
 
-// How many rows hold a NaN or an infinity. `b4mrl train` refuses a dataset with such rows.
-Result<uint64_t> CountNonfiniteRows(RemoteDataset& dataset) {
-  uint64_t count = 0;
-  B4MRL_RETURN_IF_ERROR(ForEachRows(dataset, [&](const TransitionRows& rows) {
-    for (size_t row = 0; row < rows.rows; ++row) {
-      const auto finite = [&](std::span<const float> column) {
-        const size_t width = column.size() / rows.rows;
-        return AllFinite(column.subspan(row * width, width));
-      };
-      const bool all_finite = finite(rows.observations) && finite(rows.actions) &&
-                              finite(rows.rewards) && finite(rows.next_observations);
-      count += all_finite ? 0 : 1;
-    }
-    return Status();
-  }));
-  return count;
+// "hidden=9", "obs-noise=0.1 with the seed 3"; "" if there is none.
+std::string CorruptionOf(const pb::OpenDatasetReply& in_force) {
+  const std::string text = FormatNamedArguments(NamedArgumentsOf(in_force.corruptions()));
+  if (in_force.seed() == 0) return text;
+  return fmt::format("{} with the seed {}", text, in_force.seed());
 }
 
 // Prints the description, after the pictures have been written if they are wanted.
 std::optional<Failure> InfoCommand::Describe(Client& client, RemoteDataset& dataset) const {
   const auto stats = dataset.Stats();
   if (!stats.ok()) return FromDaemon(stats.status());
-  const auto nonfinite_rows = CountNonfiniteRows(dataset);
-  if (!nonfinite_rows.ok()) return FromDaemon(nonfinite_rows.status());
+  const auto odd_rows = CountOddRows(dataset, SpaceSpec());
+  if (!odd_rows.ok()) return FromDaemon(odd_rows.status());
   const pb::DatasetStatsReply& scores = stats->scores;
   const pb::DatasetInfo& info = dataset.in_force().info();
   nlohmann::ordered_json out = {{"name", info.name()},
                                 {"environment", dataset.environment()},
                                 {"rows", dataset.rows()},
-                                {"nonfinite_rows", *nonfinite_rows},
+                                {"nonfinite_rows", odd_rows->nonfinite},
                                 {"episodes", scores.episodes()},
                                 {"observation_size", dataset.observation_size()},
                                 {"action_size", dataset.action_size()},
@@ -91,6 +80,7 @@ std::optional<Failure> InfoCommand::Describe(Client& client, RemoteDataset& data
                                 {"file_bytes", info.file_bytes()},
                                 {"sha256", info.sha256()},
                                 {"columns_sha256", info.columns_sha256()},
+                                {"corruption", CorruptionOf(dataset.in_force())},
                                 {"transitions", dataset.in_force().transition_rule()},
                                 {"behaviour_policy", info.behaviour_policy()},
                                 {"fingerprint", dataset.fingerprint()}};
@@ -127,7 +117,8 @@ std::optional<Failure> InfoCommand::Run() const {
 
 Command AddDatasetInfo(CLI::App& group) {
   const auto command = std::make_shared<InfoCommand>();
-  CLI::App* app = group.add_subcommand("info", "a dataset's size, returns, moments and hash");
+  CLI::App* app = group.add_subcommand(
+      "info", "a dataset's size, returns and hash; with --json also its moments");
   command->source.AddTo(*app);
   app->add_option("--svg", command->pictures,
                   "folder for pictures: returns.svg, observations.svg (clean against corrupted, "

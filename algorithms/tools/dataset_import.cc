@@ -87,6 +87,22 @@ Result<RemoteDataset> OpenImported(const std::string& dataset, const std::string
                                      environment, opened.environment()));
 }
 
+// Says what is odd about the rows of an imported dataset, which may be meant so.
+Status TellOddRows(Client& client, RemoteDataset& dataset) {
+  const auto environment = client.FindEnvironment(dataset.environment());  // "" is none
+  const SpaceSpec space = environment.ok() ? environment->action : SpaceSpec();
+  B4MRL_ASSIGN_OR_RETURN(const OddRows odd, CountOddRows(dataset, space));
+  if (odd.nonfinite > 0) {
+    fmt::print(stderr, "{} of {} rows hold a NaN or an infinity: `b4mrl train` refuses them\n",
+               odd.nonfinite, dataset.rows());
+  }
+  if (odd.outside > 0) {
+    fmt::print(stderr, "{} of {} rows have actions outside of {}'s bounds\n", odd.outside,
+               dataset.rows(), dataset.environment());
+  }
+  return Status();
+}
+
 // Replaces the path of the removed copy, which the daemon read, by the original's in a message.
 Status InTermsOf(const std::string& original, const std::string& copy, const Status& status) {
   std::string message = status.message();
@@ -209,7 +225,7 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
                                .WithContext(source)
                          : Copy(source, destination.path());
   if (!status.ok()) return BadInput(std::move(status));
-  const auto opened = OpenImported(dataset, *environment, destination.client());
+  auto opened = OpenImported(dataset, *environment, destination.client());
   if (!opened.ok() && !LiesInFile(opened.status()) && !Interrupted()) {
     return BadInput(opened.status().WithContext(fmt::format(
         "{} was copied to {}, where it stays, but not imported yet", source, destination.path())));
@@ -222,6 +238,8 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
   }
   fmt::print("{}: {} rows, sha256 {}\n", dataset, opened->rows(),
              opened->in_force().info().sha256());
+  const Status told = TellOddRows(destination.client(), *opened);
+  if (!told.ok()) return FromDaemon(told);
   return std::nullopt;
 }
 

@@ -1,8 +1,10 @@
 #include "algorithms/tools/dataset_source.h"
 
 #include <algorithm>
+#include <span>
 
 #include "algorithms/run/check_opening.h"
+#include "proto/base/finite.h"
 
 namespace b4mrl {
 
@@ -44,6 +46,32 @@ Status ForEachRows(RemoteDataset& dataset,
     row += rows.rows;
   }
   return Status();
+}
+
+Result<OddRows> CountOddRows(RemoteDataset& dataset, const SpaceSpec& action) {
+  OddRows odd;
+  B4MRL_RETURN_IF_ERROR(ForEachRows(dataset, [&](const TransitionRows& rows) {
+    for (size_t row = 0; row < rows.rows; ++row) {
+      const auto of_row = [&](std::span<const float> column) {
+        const size_t width = column.size() / rows.rows;
+        return column.subspan(row * width, width);
+      };
+      const std::span<const float> taken = of_row(rows.actions);
+      const bool is_finite = AllFinite(of_row(rows.observations)) && AllFinite(taken) &&
+                             AllFinite(of_row(rows.rewards)) &&
+                             AllFinite(of_row(rows.next_observations));
+      bool is_inside = true;
+      for (size_t i = 0; i < std::min(taken.size(), action.dimensions.size()); ++i) {
+        const DimensionSpec& bounds = action.dimensions[i];
+        is_inside = is_inside && !(taken[i] < static_cast<float>(bounds.low) ||
+                                   taken[i] > static_cast<float>(bounds.high));
+      }
+      odd.nonfinite += is_finite ? 0 : 1;
+      odd.outside += is_inside ? 0 : 1;
+    }
+    return Status();
+  }));
+  return odd;
 }
 
 }  // namespace b4mrl

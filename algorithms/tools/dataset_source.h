@@ -31,4 +31,11 @@ struct DatasetSource {
 Status ForEachRows(RemoteDataset& dataset,
                    const std::function<Status(const TransitionRows& rows)>& use);
 
+struct OddRows {
+  uint64_t nonfinite = 0;  // hold a NaN or an infinity: `b4mrl train` refuses a dataset with such
+  uint64_t outside = 0;    // whose action is not in its space
+};
+// Reads all rows. `action` is empty where the actions' space is not known.
+Result<OddRows> CountOddRows(RemoteDataset& dataset, const SpaceSpec& action);
+
 }  // namespace b4mrl

@@ -303,7 +303,7 @@ std::optional<Failure> TrainCommand::CompleteDatasetName(Client& client) {
 Failure TrainCommand::RunFailure(const Status& status) const {
   if (IsOfOption(status)) return BadUsage(status);
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
-  if (status.code() == StatusCode::kBusy) return BadInput(status);  // another run in the folder
+  if (status.code() == StatusCode::kBusy) return {kExitBusy, status};  // another run in the folder
   Failure failure = FromDaemon(status);
   if (failure.exit_code != kExitNoDaemon || !HasRunRecord(options.folder)) return failure;
   failure.status = Status(status.code(), fmt::format("{}; continue with --resume --out {}",

@@ -14,6 +14,7 @@
 #include "data/d4rl/agent_file.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -114,6 +115,16 @@ TEST_CASE("An agent is evaluated where it was trained, and elsewhere only when t
   CHECK(Run(evaluate + Words{"--anyway"}).exit_code == 0);
 }
 
+TEST_CASE("A run whose numbers are no longer finite has failed, with code 1") {
+  const TemporaryFolder folder;
+  Words words = SmallTraining(folder.File("run"));
+  for (const char* word : {"--learning-rate", "1", "--updates", "300"}) words.emplace_back(word);
+  const Outcome outcome = Run(words);
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(ReadRunStatus(folder.File("run"))->state == RunState::kDiverged);
+}
+
 TEST_CASE("What a run needs and was not given is named") {
   const TemporaryFolder folder;
   const Outcome nothing = Run({"train", "--environment", "HalfCheetah"});
@@ -191,6 +202,12 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
   REQUIRE_FALSE(ListCheckpoints(folder.File("killed")).value().empty());
   const auto state = [&] { return ReadRunStatus(folder.File("killed"))->state; };
   CHECK(state() == RunState::kKilled);
+  {
+    const UniqueFd other = Take(LockRunFolder(folder.File("killed")));
+    const Outcome busy = Run({"train", "--resume", "--out", folder.File("killed")});
+    CHECK(busy.exit_code == 6);
+    CHECK(Says(busy.err, "another process trains in"));
+  }
   const Outcome resumed = Run({"train", "--resume", "--out", folder.File("killed"), "--json"});
   INFO(resumed.err);
   REQUIRE(resumed.exit_code == 0);

@@ -1,7 +1,9 @@
 // What `b4mrl dataset import` takes, and what comes back from files that `export` wrote.
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -53,6 +55,25 @@ TEST_CASE("Rows that were exported by D4RL's rule come back under it") {
   // A second application would drop rows again.
   const Outcome again = imports.Dataset({"info", "Hopper/back", "--json", "--transitions", "d4rl"});
   CHECK(nlohmann::json::parse(again.out, nullptr, false)["rows"] == back["rows"]);
+}
+
+TEST_CASE("An import says how many rows are not finite, or have actions out of bounds") {
+  const Imports imports;
+  ExampleDataset data = MakeExampleDataset({50, 50}, 17, 6);
+  for (float& action : data.actions) action = std::clamp(action, -1.0F, 1.0F);
+  const std::string file = imports.folder.File("rows.h5");
+  REQUIRE(WriteExample(file, data).ok());
+  const Outcome sound = imports.Dataset({"import", file, "--name", "HalfCheetah/sound"});
+  CHECK(sound.exit_code == 0);
+  CHECK_THAT(sound.err, !Catch::Contains(" rows "));
+  for (const size_t row : {3, 7, 8}) data.rewards[row] = std::nanf("");
+  data.actions[6 * 20] = 1.5;
+  data.actions[6 * 20 + 5] = -1.5;
+  REQUIRE(WriteExample(file, data).ok());
+  const Outcome odd = imports.Dataset({"import", file, "--name", "HalfCheetah/odd"});
+  CHECK(odd.exit_code == 0);
+  CHECK_THAT(odd.err, Catch::Contains("3 of 100 rows hold a NaN or an infinity"));
+  CHECK_THAT(odd.err, Catch::Contains("1 of 100 rows have actions outside of HalfCheetah's"));
 }
 
 TEST_CASE("What is no regular file is refused, and holes stay holes") {

@@ -15,10 +15,6 @@
 namespace b4mrl {
 namespace {
 
-bool Says(const std::string& text, std::string_view words) {
-  return text.find(words) != std::string::npos;
-}
-
 // Makes 2,500 rows of a dataset in `folder` and returns what the command prints.
 nlohmann::json Make(const TemporaryFolder& folder, const std::string& name) {
   const Outcome made = Run(

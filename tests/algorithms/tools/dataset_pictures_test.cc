@@ -39,6 +39,7 @@ TEST_CASE("Pictures of a dataset are drawn beside its description, with equal by
   const auto json = nlohmann::json::parse(drawn.out, nullptr, false);
   CHECK(json["rows"] == 600);
   CHECK(json["nonfinite_rows"] == 1);
+  CHECK(json["corruption"] == "hidden=9");
   CHECK(json["pictures"] == nlohmann::json{folder.File("new/pictures/returns.svg"),
                                            folder.File("new/pictures/observations.svg"),
                                            folder.File("new/pictures/actions.svg")});

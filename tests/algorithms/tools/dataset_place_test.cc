@@ -14,10 +14,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool Says(const std::string& text, std::string_view words) {
-  return text.find(words) != std::string::npos;
-}
-
 Words Make(const Words& more) {
   Words words = {"dataset", "make", "HalfCheetah/medium", "--rows", "1000", "--quiet"};
   words.insert(words.end(), more.begin(), more.end());

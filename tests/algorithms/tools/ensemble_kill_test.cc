@@ -47,9 +47,7 @@ Words TrainWords(const TestDaemon& daemon, const std::string& run) {
           "0"};
 }
 
-std::string BytesOf(double value) {
-  return {reinterpret_cast<const char*>(&value), sizeof value};
-}
+std::string BytesOf(double value) { return {reinterpret_cast<const char*>(&value), sizeof value}; }
 
 double NumberIn(const std::string& checkpoint, const char* name) {
   CheckpointReader reader = Take(CheckpointReader::Open(checkpoint));

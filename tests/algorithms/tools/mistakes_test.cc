@@ -11,10 +11,6 @@
 namespace b4mrl {
 namespace {
 
-bool Says(const std::string& text, std::string_view words) {
-  return text.find(words) != std::string::npos;
-}
-
 TEST_CASE("A misspelt word is named with what it might mean") {
   const std::vector<std::pair<Words, std::string>> cases = {
       {{"trein"}, "unknown command 'trein'; did you mean 'train'"},

@@ -7,6 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
 #include <csignal>
@@ -14,9 +15,11 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
+#include "proto/base/child_program.h"
 #include "proto/base/clock.h"
 #include "tests/data/temporary_folder.h"
 
@@ -37,6 +40,16 @@ inline const std::string& UsersFolder() {
   return folder.path();
 }
 
+// What tells the programs where the user's own daemon, data and programs are.
+inline Words UsersVariables() {
+  Words names;
+  for (char** entry = environ; *entry != nullptr; ++entry) {
+    const std::string text = *entry;
+    if (text.starts_with("B4MRL_")) names.push_back(text.substr(0, text.find('=')));
+  }
+  return names;
+}
+
 // A running b4mrl-tools with both outputs in pipes.
 class Tool {
  public:
@@ -51,7 +64,7 @@ class Tool {
     process_id_ = fork();
     REQUIRE(process_id_ >= 0);
     if (process_id_ == 0) {
-      for (const char* name : {"B4MRL_ENDPOINT", "B4MRL_SERVER", "B4MRL_TOOLS"}) unsetenv(name);
+      for (const std::string& name : UsersVariables()) unsetenv(name.c_str());
       std::signal(SIGINT, at_interrupt);
       setenv("B4MRL_DATA", data.c_str(), 1);
       setenv("XDG_CACHE_HOME", cache.c_str(), 1);
@@ -111,30 +124,44 @@ class Tool {
     kill(process_id_, SIGKILL);
     waitpid(std::exchange(process_id_, -1), nullptr, 0);
   }
+  // Its outputs and its exit code; it fails the test if it has not ended after five minutes.
   Outcome Wait() {
+    const Deadline deadline = Deadline::AfterMs(300'000);
     Outcome outcome;
-    outcome.out = ReadAll(out_);  // short enough for both to fit their pipes
-    outcome.err = ReadAll(err_);
-    int status = 0;
-    waitpid(std::exchange(process_id_, -1), &status, 0);
+    const std::array<std::string*, 2> texts = {&outcome.out, &outcome.err};
+    std::array<pollfd, 2> streams = {{{out_, POLLIN, 0}, {err_, POLLIN, 0}}};  // until their ends
+    while (std::ranges::any_of(streams, [](const pollfd& each) { return each.fd >= 0; })) {
+      poll(streams.data(), streams.size(), static_cast<int>(deadline.remaining_ms()));
+      if (deadline.expired()) {
+        Kill();
+        FAIL("a tool did not end: " << outcome.out << outcome.err);
+      }
+      for (size_t i = 0; i < streams.size(); ++i) {
+        if (streams[i].revents != 0 && !ReadSome(streams[i].fd, texts[i])) streams[i].fd = -1;
+      }
+    }
+    const int status = WaitForExit(std::exchange(process_id_, -1), deadline);
     outcome.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     return outcome;
   }
 
  private:
-  static std::string ReadAll(int fd) {
-    std::string text;
+  // False at the end.
+  static bool ReadSome(int fd, std::string* text) {
     std::array<char, 4096> block{};
-    for (ssize_t n = 0; (n = read(fd, block.data(), block.size())) > 0;) {
-      text.append(block.data(), static_cast<size_t>(n));
-    }
-    return text;
+    const ssize_t n = read(fd, block.data(), block.size());
+    if (n > 0) text->append(block.data(), static_cast<size_t>(n));
+    return n > 0;
   }
 
   pid_t process_id_ = -1;
   int out_ = -1;
   int err_ = -1;
 };
+
+inline bool Says(const std::string& text, std::string_view words) {
+  return text.find(words) != std::string::npos;
+}
 
 inline Outcome Run(const Words& arguments, const Words& environment = {}) {
   return Tool(arguments, environment).Wait();

@@ -19,10 +19,6 @@
 namespace b4mrl {
 namespace {
 
-bool Says(const std::string& text, std::string_view words) {
-  return text.find(words) != std::string::npos;
-}
-
 // Every option that takes a count or a seed, behind what its command needs beside it.
 struct CountOption {
   Words command;
@@ -46,7 +42,7 @@ std::vector<CountOption> CountOptions() {
   for (const char* name : {"--decisions", "--seed"}) {
     options.push_back({{"demo", "confounding"}, name});
   }
-  for (const char* name : {"--workers", "--threads", "--lease", "--cache"}) {
+  for (const char* name : {"--workers", "--threads", "--lease", "--cache", "--memory", "--spin"}) {
     options.push_back({{"serve"}, name});
   }
   options.push_back({{"perf", "batch"}, "--turns"});
