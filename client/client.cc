@@ -170,7 +170,7 @@ Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
   client.hello_ = reply->envelope.hello();
   if (client.hello_.protocol_version() != limits::kProtocolVersion) {
     return Status(StatusCode::kVersionMismatch,
-                  fmt::format("the server speaks protocol {}, this client {}",
+                  fmt::format("{}: the server speaks protocol {}, this client {}", endpoint,
                               client.hello_.protocol_version(), limits::kProtocolVersion));
   }
   return client;

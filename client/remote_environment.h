@@ -158,7 +158,9 @@ class RemoteEnvironment {
                const QueryResults<double>& output, uint64_t seed = 0,
                std::optional<uint64_t> draw = {}, uint64_t first_row = 0);
   // The two halves of Query, between which the caller can work. Each SendQuery takes at most
-  // limits::kMaxQueryRows rows; several may be in flight, to be received in any order.
+  // limits::kMaxQueryRows rows; several may be in flight, to be received in any order, into buffers
+  // of as many rows as were sent. kInvalidArgument if the buffers differ among themselves: the
+  // results can still be received.
   Result<uint64_t> SendQuery(std::span<const float> observations, std::span<const float> actions,
                              uint64_t seed, uint64_t draw, uint64_t first_row);
   Result<uint64_t> SendQuery(std::span<const double> observations, std::span<const double> actions,

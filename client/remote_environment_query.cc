@@ -83,8 +83,8 @@ Status RemoteEnvironment::ReceiveRows(uint64_t id, const QueryResults<Scalar>& o
   if (FindUnderWay(id) != under_way_.end()) {
     return InvalidArgument("id", std::to_string(id), "that of a query, not of a step");
   }
-  B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   B4MRL_RETURN_IF_ERROR(CheckOutput(output, spec_.observation.size()));
+  B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   const uint64_t rows = output.rewards.size();
   B4MRL_ASSIGN_OR_RETURN(const TensorView next,
                          reply.Require("next_observations", {DType::kFloat32, DType::kFloat64},

@@ -67,7 +67,7 @@ void FakeDaemon::AnswerOpen(FakeServer& server, const FakeCall& call) {
     open->mutable_info()->mutable_observation()->add_dimensions();
   }
   for (size_t i = 0; i < kActionSize; ++i) open->mutable_info()->mutable_action()->add_dimensions();
-  open->mutable_port()->set_ipc(address().substr(6));
+  if (has_ports) open->mutable_port()->set_ipc(address().substr(6));
   open->MergeFrom(open_reply);
   num_envs_ = request.num_envs();
   server.Reply(call, std::move(reply));

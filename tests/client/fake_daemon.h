@@ -44,6 +44,7 @@ class FakeDaemon {
   std::string address() const { return folder_.Address(); }
   // Of the session that is opened next; set before the client connects.
   pb::OpenReply open_reply;
+  bool has_ports = true;  // whether workers can be reached
   uint32_t protocol_version = limits::kProtocolVersion;
   uint64_t session_lease_ms = 0;  // which Hello says; 0: nothing. No session ends by it.
   uint64_t dataset_rows = 100;

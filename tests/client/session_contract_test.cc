@@ -30,6 +30,38 @@ TEST_CASE("a client can be assigned another connection") {
   CHECK(first.closed_sessions() == 0);
 }
 
+TEST_CASE("a client that cannot connect says where, once") {
+  const auto message_of = [](const std::string& address) {
+    const Result<Client> client = Client::Connect(address, 500);
+    REQUIRE_FALSE(client.ok());
+    const std::string message(client.status().message());
+    INFO(message);
+    const size_t first = message.find(address);
+    CHECK(first != std::string::npos);
+    CHECK(message.rfind(address) == first);
+    return message;
+  };
+  const FakeDaemon refusing([](FakeServer& server, FakeCall& call) {
+    server.ReplyError(call, Status(StatusCode::kInternal, "no"));
+    return true;
+  });
+  CHECK(message_of(refusing.address()) == refusing.address() + ": no");
+  FakeDaemon other_version;
+  other_version.protocol_version = limits::kProtocolVersion + 1;
+  message_of(other_version.address());
+  message_of(SocketFolder().Address());  // where nobody is
+}
+
+TEST_CASE("a session that cannot be reached is given back") {
+  FakeDaemon daemon;
+  daemon.has_ports = false;
+  Client client = ConnectTo(daemon);
+  const Status refused = client.Make("Fake").status();
+  CHECK(refused.code() == StatusCode::kUnavailable);
+  CHECK(refused.message().find("the server offers no port") != std::string::npos);
+  CHECK(daemon.closed_sessions() == 1);
+}
+
 TEST_CASE("sessions and datasets outlive their client") {
   FakeDaemon daemon;
   std::optional<Client> client = ConnectTo(daemon);

@@ -10,6 +10,8 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import sys
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -190,3 +192,12 @@ _BY_CODE: dict[int, type[B4mrlError]] = {kind.code: kind for kind in B4mrlError.
 def error_of(code: int, message: str, recoverable: bool) -> B4mrlError:
     """The exception for a status of a reply; an unknown code becomes an InternalError."""
     return _BY_CODE.get(code, InternalError)(message, recoverable=recoverable)
+
+
+def warn(text: str) -> None:
+    """A RuntimeWarning at the line that called the package, from however deep inside it."""
+    frame, level = sys._getframe(1), 2
+    inside = (__name__.partition(".")[0], "functools", "contextlib")  # these stand between its own
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in inside:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, RuntimeWarning, stacklevel=level)

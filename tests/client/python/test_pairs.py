@@ -78,6 +78,24 @@ def test_pairs_that_were_kept_in_a_folder_are_simulated_once(
     assert len(list((tmp_path / "pairs").iterdir())) == 4
 
 
+def test_pairs_are_asked_for_with_the_deadline_of_their_dataset(
+    example, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, _ = example
+    deadlines = []
+
+    def noted(session: object, *arguments: object, **options: object) -> object:
+        deadlines.append(session.deadline_ms)
+        return run(session, *arguments, **options)
+
+    run = b4mrl.query.run
+    monkeypatch.setattr(b4mrl.query, "run", noted)
+    for deadline_ms in (123_456, None):
+        with client.dataset("HalfCheetah/medium", deadline_ms=deadline_ms) as dataset:
+            dataset.pair("gravity")
+    assert deadlines == [123_456, client.deadline_ms]
+
+
 def test_damaged_files_of_pairs_are_named(example, tmp_path: Path) -> None:
     client, _ = example
     with client.dataset("HalfCheetah/medium") as dataset:

@@ -6,6 +6,7 @@ import os
 import pickle
 import re
 import signal
+import tempfile
 import threading
 import time
 from types import SimpleNamespace
@@ -246,6 +247,29 @@ def test_a_worker_may_die_while_the_caller_is_busy_for_longer_than_the_deadline(
         with client.make_vec("HalfCheetah", 2) as twin:
             twin.reset(seed=1)
             assert_same(observations, twin.step(np.zeros((2, 6)))[0])
+
+
+@pytest.mark.parametrize("transport", ["door", "ipc"])
+def test_a_daemon_that_was_started_again_knows_no_session_and_serves_on(transport: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        address = f"ipc://{folder}/socket"
+        arguments = ["--bind", address] + ["--no-door"] * (transport == "ipc")
+        with b4mrl.serve(workers=1, arguments=arguments):
+            client = b4mrl.connect(address)
+            ledger = client.ledger()
+            env = client.make("HalfCheetah")
+            assert env.transport == transport
+            env.reset(seed=1)
+        with b4mrl.serve(workers=1, arguments=arguments), client:
+            for use in (lambda: env.step(np.zeros(6)), env.reset, env.get_state):
+                with pytest.raises(errors.SessionLostError):
+                    use()
+            with pytest.raises(errors.UnknownNameError):
+                ledger.counts()
+            with client.make("HalfCheetah") as another:
+                assert another.transport == transport
+                another.reset(seed=1)
+            env.close()  # in silence
 
 
 def test_closing_does_not_wait_for_a_daemon_that_is_gone() -> None:

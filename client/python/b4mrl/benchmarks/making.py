@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import subprocess
 import time
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -74,7 +73,7 @@ def open_or_make(
                 raise
         else:
             if isinstance(failure, errors.DataLossError):
-                warnings.warn(f"{failure}; it is used as it is", RuntimeWarning, stacklevel=5)
+                errors.warn(f"{failure}; it is used as it is")
             return dataset
         if not isinstance(failure, errors.BusyError) or time.monotonic() > end:
             raise failure
@@ -144,4 +143,4 @@ def warn_of_other_rows(name: str, found: DatasetInForce, asked: int) -> None:
         )
     else:
         return
-    warnings.warn(text, RuntimeWarning, stacklevel=5)  # at the use of Benchmark.dataset
+    errors.warn(text)

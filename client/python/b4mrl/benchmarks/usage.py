@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 from typing import TYPE_CHECKING
 
 from b4mrl.benchmarks.ledger import Ledger
-from b4mrl.errors import UnknownNameError
+from b4mrl.errors import UnknownNameError, warn
 
 if TYPE_CHECKING:
     from b4mrl.client import Client
@@ -96,11 +95,9 @@ class Usage:
 
     def _forget(self) -> None:
         """Goes on with another ledger: a daemon that was restarted has none of the old ones."""
-        warnings.warn(
+        warn(
             "the daemon has lost the ledger of what learning used, as one that was restarted has: "
-            "the next result counts less than was used",
-            RuntimeWarning,
-            stacklevel=4,
+            "the next result counts less than was used"
         )
         self._ledger = None
         self._given = 0

@@ -39,7 +39,7 @@ def greet(
         hello = gateway.call(request, bytearray(), deadline_ms).reply.hello
         if hello.protocol_version != limits.PROTOCOL_VERSION:
             raise errors.VersionMismatchError(
-                f"the server speaks protocol {hello.protocol_version}, "
+                f"{_described(endpoint)}: the server speaks protocol {hello.protocol_version}, "
                 f"this client {limits.PROTOCOL_VERSION}"
             )
     except BaseException:

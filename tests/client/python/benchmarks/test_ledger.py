@@ -55,10 +55,12 @@ def test_a_folder_that_cannot_hold_pairs_costs_no_simulation(medium: b4mrl.Clien
     with medium.dataset("HalfCheetah/medium", ledger=ledger) as dataset:
         with pytest.raises(NotADirectoryError):
             dataset.pair("gravity", folder="/dev/null/pairs")
-        for wrong in ({"pair_seed": -1}, {"pair_folder": 3}):
+        with pytest.raises(errors.InvalidArgumentError, match="^simulator is .*allowed"):
+            dataset.pair(3)
+        for wrong in ({"pair_with": 3}, {"pair_seed": -1}, {"pair_folder": 3}):
             name = next(iter(wrong))
             with pytest.raises(errors.InvalidArgumentError, match=f"^{name} is .*allowed"):
-                dataset.stream(8, pair_with="gravity", **wrong)
+                dataset.stream(8, **({"pair_with": "gravity"} | wrong))
     assert ledger.counts() == LedgerCounts(0, 0, 0, 0)
 
 

@@ -61,6 +61,13 @@ def test_a_dataset_of_other_rows_than_asked_for_is_used_with_a_warning(
     assert [Path(each.filename).name for each in caught] == ["test_sources.py"]
 
 
+def test_the_warning_is_at_the_users_line_also_where_a_policy_is_evaluated(small: str) -> None:
+    bench = b4mrl.benchmark(RANDOM, endpoint=small, rows=700)
+    with pytest.warns(RuntimeWarning, match="is used as it is") as caught:
+        bench.evaluate(lambda rows: np.zeros((len(rows), 6)), episodes=1)
+    assert [Path(each.filename).name for each in caught] == ["test_sources.py"]
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_dataset_that_is_as_asked_for_is_used_in_silence(small: str, tmp_path: Path) -> None:
     assert b4mrl.benchmark(RANDOM, endpoint=small, rows=500).dataset.rows == 500
