@@ -101,7 +101,9 @@ Status MinariWriter::WriteNamespaces() const {
   for (const std::string& name : MinariNamespaces(id_)) {
     const std::string file = fmt::format("{}/{}/{}", root_, name, kNamespaceFile);
     if (std::error_code error; std::filesystem::exists(file, error)) continue;
-    B4MRL_RETURN_IF_ERROR(WriteSmallFile(file, "{}"));
+    const Status written = WriteSmallFile(file, "{}");
+    // Another export is writing the same file.
+    if (!written.ok() && written.code() != StatusCode::kBusy) return written;
   }
   return Status();
 }

@@ -229,8 +229,8 @@ void Relay::SendAgain(Route& route) {
     Result<Frame> envelope = SerializeEnvelope(request_);
     // If the queue is full, the client sends the request again.
     if (!envelope.ok()) continue;
-    (void)route.socket.Send({std::move(*envelope), carried.message.payload.Share()});
-    carried.resent = true;
+    const Status sent = route.socket.Send({std::move(*envelope), carried.message.payload.Share()});
+    carried.resent = carried.resent || sent.ok();
   }
 }
 

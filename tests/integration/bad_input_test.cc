@@ -26,7 +26,8 @@ struct Ended {
   std::string output;  // both streams
 };
 
-// Runs `b4mrl-serve` with arguments that keep it from serving.
+// Runs `b4mrl-serve` with arguments that keep it from serving; one that serves all the same is
+// killed.
 Ended RunServe(std::vector<std::string> arguments) {
   const TemporaryFolder folder;
   const std::string log = folder.File("log");
@@ -40,8 +41,8 @@ Ended RunServe(std::vector<std::string> arguments) {
   const int error = posix_spawn(&child, kServe, &actions, nullptr, pointers.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
   REQUIRE(error == 0);
-  int status = 0;
-  REQUIRE(waitpid(child, &status, 0) == child);
+  const int status = WaitForExit(child, Deadline::AfterMs(30'000));
+  INFO(ReadBytes(log));
   REQUIRE(WIFEXITED(status));
   return {WEXITSTATUS(status), ReadBytes(log)};
 }

@@ -287,10 +287,15 @@ int ExitCodeOf(const ProgramWithOutput& shell) {
   return WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : 128 + WTERMSIG(wait_status);
 }
 
+// All of it, or what came within half a minute.
 std::string OutputOf(const ProgramWithOutput& shell) {
+  const Deadline deadline = Deadline::AfterMs(30'000);
   std::string output;
   char c = 0;
-  while (read(shell.output.get(), &c, 1) == 1) output += c;
+  while (WaitUntilReady(shell.output.get(), POLLIN, deadline).ok() &&
+         read(shell.output.get(), &c, 1) == 1) {
+    output += c;
+  }
   return output;
 }
 

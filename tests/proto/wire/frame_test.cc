@@ -201,6 +201,19 @@ TEST_CASE("envelopes are bounded both ways") {
   CHECK(ParseEnvelope(Frame::Copy("\xff\xff"), &parsed).code() == StatusCode::kInvalidArgument);
   CHECK(ParseEnvelope(Frame(), &parsed).code() == StatusCode::kInvalidArgument);
 
+  // As many as are allowed, and one more.
+  std::string text = *request.mutable_hello()->mutable_client();
+  while (request.ByteSizeLong() > limits::kMaxEnvelopeBytes) {
+    text.pop_back();
+    request.mutable_hello()->set_client(text);
+  }
+  REQUIRE(request.ByteSizeLong() == limits::kMaxEnvelopeBytes);
+  CHECK(SerializeEnvelope(request).ok());
+  CHECK(ParseEnvelope(Frame::Copy(request.SerializeAsString()), &parsed).ok());
+  request.mutable_hello()->set_client(text + "x");
+  CHECK_FALSE(SerializeEnvelope(request).ok());
+  CHECK_FALSE(ParseEnvelope(Frame::Copy(request.SerializeAsString()), &parsed).ok());
+
   request.mutable_hello()->set_client("small");
   const auto frame = SerializeEnvelope(request);
   REQUIRE(frame.ok());
