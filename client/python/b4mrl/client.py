@@ -360,7 +360,7 @@ class Client(Shown):
             raise
 
     def close(self) -> None:
-        """Closes the connection and its query sessions; environments and datasets stay open."""
+        """Ends all but environments and datasets; `make` and `make_vec` still open others."""
         self._query_sessions.close()
         self._gateway.close()
 

@@ -163,6 +163,13 @@ inline bool Says(const std::string& text, std::string_view words) {
   return text.find(words) != std::string::npos;
 }
 
+// How often it does.
+inline size_t Count(const std::string& text, std::string_view words) {
+  size_t count = 0;
+  for (size_t at = 0; (at = text.find(words, at)) != std::string::npos; ++at) ++count;
+  return count;
+}
+
 inline Outcome Run(const Words& arguments, const Words& environment = {}) {
   return Tool(arguments, environment).Wait();
 }

@@ -248,22 +248,6 @@ TEST_CASE("Of two sets of hyperparameters with as many runs, that with a finishe
   CHECK(table.Find(kClean, {"iql", ""})->Mean() == 40);
 }
 
-TEST_CASE("A cell whose evaluations vary much has settled by chance, perhaps") {
-  const MadeResult made = {.algorithm = "iql", .benchmarks = {kClean}, .score = 40};
-  const auto cell_of = [](nlohmann::ordered_json json, double swing) {
-    json["curve"][6][4] = 40 + swing;  // the two of the fifth before, whose mean stays
-    json["curve"][7][4] = 40 - swing;
-    MadeResults results({});
-    results.Add(json.dump());
-    const ScoreTable table = results.Read(OwnBenchmarks());
-    const Cell& cell = *table.Find(kClean, table.series()[0]);
-    CHECK(cell.IsSettled());
-    return cell.IsSurelySettled();
-  };
-  CHECK(cell_of(JsonOf(made), 1.4));  // the error of a mean of two is the swing
-  CHECK_FALSE(cell_of(JsonOf(made), 1.6));
-}
-
 TEST_CASE("A run that still goes on has ended where all that counts of it is there") {
   MadeResults results({});
   results.Add(Unfinished({.algorithm = "iql", .benchmarks = {kClean}, .score = 10}));

@@ -39,6 +39,22 @@ TEST_CASE("From three seeds on an interval is that of Student's t") {
   CHECK(interval.high == Approx(51.957).margin(0.001));
 }
 
+TEST_CASE("A cell whose evaluations swing has settled, but not surely") {
+  const auto score_of = [](double swing) {
+    nlohmann::ordered_json json = JsonOf({.algorithm = "iql", .benchmarks = {kClean}, .score = 40});
+    json["curve"][6][4] = 40 + swing;  // the two of the fifth before, whose mean stays
+    json["curve"][7][4] = 40 - swing;
+    MadeResults results({});
+    results.Add(json.dump());
+    const ScoreTable table = results.Read(OwnBenchmarks());
+    const BorrowedDeviations deviations(table, PaperScores(OwnBenchmarks()));
+    return OwnScores(table, deviations).at({kClean, "iql"});
+  };
+  CHECK(score_of(1.4).surely_settled);  // the error of a mean of two is the swing
+  CHECK(score_of(1.6).settled);
+  CHECK_FALSE(score_of(1.6).surely_settled);
+}
+
 TEST_CASE("Two cells of an algorithm can be read after equally many updates") {
   const char* medium = "HalfCheetah/confounding/hidden-high+medium";
   const MadeResults results({{.algorithm = "iql",

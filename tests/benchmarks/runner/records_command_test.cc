@@ -9,7 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "data/files/file_hash.h"
 #include "tests/benchmarks/runner/suite.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -292,6 +294,65 @@ TEST_CASE("A pipe in a result's place is named, and nothing waits for its writer
   const Outcome outcome = Run({"benchmark", "check", folder.File("a.json")});
   CHECK(outcome.exit_code == 1);
   CHECK(outcome.out.find("a.json is no regular file") != std::string::npos);
+}
+
+TEST_CASE("Agents of a folder are evaluated once each, by however many programs") {
+  const TemporaryFolder folder;
+  const std::string agents = B4MRL_SOURCE_DIR "/data/agents/";
+  for (const char* name : {"hopper-medium", "walker2d-medium", "highway-medium"}) {
+    fs::copy_file(agents + name + ".h5", folder.File(std::string(name) + ".h5"));
+  }
+  fs::create_directories(folder.File("runs/one"));
+  fs::copy_file(agents + "hopper-expert.h5", folder.File("runs/one/agent.h5"));
+  fs::copy_file(agents + "hopper-medium.h5", folder.File("runs/agent.h5"));  // as the first
+  WriteBytes(folder.File("broken.h5"), "no agent");
+  const Words command = {"benchmark", "evaluate", folder.path(), "--episodes", "2", "--jobs", "2"};
+  Tool one(command), other(command);
+  const Outcome first = one.Wait(), second = other.Wait();
+  INFO(first.out << first.err << second.out << second.err);
+  for (const Outcome& outcome : {first, second}) {
+    CHECK(outcome.exit_code == 1);  // for the broken file
+    CHECK(outcome.out.find("4 of 5 agents evaluated, 1 failed") != std::string::npos);
+  }
+  CHECK(Count(first.err + second.err, "start ") == 4);
+  size_t evaluations = 0;
+  for (const auto& entry : fs::directory_iterator(folder.File("evaluations"))) {
+    if (entry.path().extension() != ".json") continue;
+    const auto json = nlohmann::json::parse(ReadBytes(entry.path()), nullptr, false);
+    CHECK(json["returns"].size() == 2);
+    CHECK(json["seed"] == 1);
+    CHECK(entry.path().filename().string().find("-e2-s1.json") == 16);
+    ++evaluations;
+  }
+  CHECK(evaluations == 4);
+}
+
+TEST_CASE(
+    "An agent that is replaced while it is evaluated is evaluated again, as what it is then") {
+  const TemporaryFolder folder;
+  const std::string agents = B4MRL_SOURCE_DIR "/data/agents/";
+  fs::copy_file(agents + "hopper-expert.h5", folder.File("agent.h5"));
+  fs::copy_file(agents + "hopper-medium.h5", folder.File("next"));
+  Tool tool({"benchmark", "evaluate", folder.path(), "--episodes", "50"});
+  REQUIRE(tool.WaitForMessage("start "));
+  fs::rename(folder.File("next"), folder.File("agent.h5"));
+  const Outcome outcome = tool.Wait();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(Count(outcome.err, "start ") == 1);  // beside the one that was awaited
+  std::vector<std::string> evaluations;
+  for (const auto& entry : fs::directory_iterator(folder.File("evaluations"))) {
+    if (entry.path().extension() == ".json") evaluations.push_back(entry.path());
+  }
+  REQUIRE(evaluations.size() == 1);
+  const std::string hash = Take(Sha256OfFile(folder.File("agent.h5"))).substr(0, 16);
+  CHECK(fs::path(evaluations[0]).filename().string() == hash + "-e50-s1.json");
+  const Outcome direct = Run({"evaluate", "--json", "--environment", "Hopper", "--agent",
+                              folder.File("agent.h5"), "--episodes", "50", "--seed", "1"});
+  const auto kept = nlohmann::json::parse(ReadBytes(evaluations[0]), nullptr, false);
+  const auto again = nlohmann::json::parse(direct.out, nullptr, false);
+  REQUIRE(kept["returns"].size() == 50);
+  CHECK(kept["returns"] == again["returns"]);
 }
 
 }  // namespace
