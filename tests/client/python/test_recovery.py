@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import re
 import signal
+import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import b4mrl
 import numpy as np
 import pytest
 from b4mrl import errors
+from b4mrl.serve import find_server
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 from conftest import environment_workers
@@ -249,18 +253,28 @@ def test_a_worker_may_die_while_the_caller_is_busy_for_longer_than_the_deadline(
             assert_same(observations, twin.step(np.zeros((2, 6)))[0])
 
 
+@contextlib.contextmanager
+def daemon(*options: str) -> Iterator[None]:
+    """`b4mrl serve` with these options."""
+    with subprocess.Popen([*find_server(), *options], stdout=subprocess.DEVNULL) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
 @pytest.mark.parametrize("transport", ["door", "ipc"])
 def test_a_daemon_that_was_started_again_knows_no_session_and_serves_on(transport: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         address = f"ipc://{folder}/socket"
-        arguments = ["--bind", address] + ["--no-door"] * (transport == "ipc")
-        with b4mrl.serve(workers=1, arguments=arguments):
+        options = ["--bind", address, "--workers", "1"] + ["--no-door"] * (transport == "ipc")
+        with daemon(*options):
             client = b4mrl.connect(address)
             ledger = client.ledger()
             env = client.make("HalfCheetah")
             assert env.transport == transport
             env.reset(seed=1)
-        with b4mrl.serve(workers=1, arguments=arguments), client:
+        with daemon(*options), client:
             for use in (lambda: env.step(np.zeros(6)), env.reset, env.get_state):
                 with pytest.raises(errors.SessionLostError):
                     use()
