@@ -16,6 +16,8 @@ namespace b4mrl {
 
 class AppendedFile {
  public:
+  // Whether Open with so many bytes would find them: kDataLoss if not. Changes nothing.
+  static Status Check(const std::string& path, uint64_t bytes);
   // Opens the file cut to its first `bytes` bytes; 0: an empty file, created if there is none.
   static Result<AppendedFile> Open(const std::string& path, uint64_t bytes);
 

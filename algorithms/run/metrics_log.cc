@@ -89,10 +89,13 @@ std::string ColumnOf(std::string_view name) {
 }
 
 Result<MetricsLog> MetricsLog::Open(const std::string& folder, const Offsets& offsets) {
-  B4MRL_ASSIGN_OR_RETURN(AppendedFile json,
-                         AppendedFile::Open(folder + "/metrics.jsonl", offsets.json_bytes));
-  B4MRL_ASSIGN_OR_RETURN(EventFile events, EventFile::Open(folder + "/events.out.tfevents.b4mrl",
-                                                           offsets.event_bytes));
+  const std::string json_path = folder + "/metrics.jsonl";
+  const std::string events_path = folder + "/events.out.tfevents.b4mrl";
+  // Neither is cut for a checkpoint that the other does not fit.
+  B4MRL_RETURN_IF_ERROR(AppendedFile::Check(json_path, offsets.json_bytes));
+  B4MRL_RETURN_IF_ERROR(AppendedFile::Check(events_path, offsets.event_bytes));
+  B4MRL_ASSIGN_OR_RETURN(AppendedFile json, AppendedFile::Open(json_path, offsets.json_bytes));
+  B4MRL_ASSIGN_OR_RETURN(EventFile events, EventFile::Open(events_path, offsets.event_bytes));
   MetricsLog log(folder, std::move(json), std::move(events));
   B4MRL_RETURN_IF_ERROR(ForEachRow(log.JsonPath(), [&](const MetricRow& row) {
     log.AddColumns(row);

@@ -10,6 +10,7 @@
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/nn/products/blas.h"
+#include "algorithms/run/run_result.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
 #include "proto/base/cores.h"
@@ -300,9 +301,37 @@ std::string RunSession::Text() const {
                      known(architecture), blas_kernel);
 }
 
+// Refuses a folder without checkpoints in which a training from the first update would replace what
+// somebody wants to keep.
+Status CheckNothingIsLost(const TrainOptions& options) {
+  const std::string& folder = options.folder;
+  const auto refuse = [&](std::string_view what) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("{} {}; choose another --out, or move it away", folder, what));
+  };
+  const auto has = [&](const char* name) {
+    std::error_code error;
+    return std::filesystem::exists(fmt::format("{}/{}", folder, name), error);
+  };
+  const Result<RunStatus> state = ReadRunStatus(folder);
+  if (state.ok() && state->state == RunState::kFinished) {
+    return refuse("holds a finished run without a checkpoint from which it could go on");
+  }
+  const Result<RunRecord> record = ReadRunRecord(folder);
+  if (has("ensemble.h5") && record.ok() && !IsRecordOf(*record, options)) {
+    return refuse("holds the model of a run with other options, which has not come further yet");
+  }
+  if (state.ok() || record.ok()) return Status();  // a run that has not come to a checkpoint
+  for (const char* name : {"agent.h5", "result.json", "run.json", "config.toml", "metrics.jsonl",
+                           "progress.csv", "replay.bin", "ensemble.h5"}) {
+    if (has(name)) return refuse(fmt::format("holds a file {} that is of no run there", name));
+  }
+  return Status();
+}
+
 Status CheckEarlierRun(const TrainOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(options.folder));
-  if (checkpoints.empty()) return Status();
+  if (checkpoints.empty()) return CheckNothingIsLost(options);
   if (options.resume) {
     if (options.updates >= checkpoints.front()) return Status();
     return InvalidArgument(

@@ -85,9 +85,10 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
 // --config FILE --out FOLDER` repeats the run.
 Status WriteRunConfiguration(const TrainOptions& options);
 
-// kFailedPrecondition if options.folder holds checkpoints and options.resume is not set;
-// kInvalidArgument if it is set and options.updates are fewer than the newest checkpoint has, which
-// the folder's files would then deny.
+// kFailedPrecondition if options.folder holds checkpoints and options.resume is not set, or none
+// and what a training from the first update would replace: a finished run, the model of another
+// one, or files that are no run's. kInvalidArgument if it is set and options.updates are fewer than
+// the newest checkpoint has, which the folder's files would then deny.
 Status CheckEarlierRun(const TrainOptions& options);
 
 struct RunRecord {

@@ -51,6 +51,39 @@ class Recorded {
 
 }  // namespace
 
+TEST_CASE("A training from its first update replaces nothing that somebody wants to keep") {
+  const TemporaryFolder folder;
+  TrainOptions options;
+  options.algorithm = "mopo";
+  options.environment = "HalfCheetah";
+  options.folder = folder.path();
+  REQUIRE(CheckEarlierRun(options).ok());
+  const auto refusal = [&] {
+    const Status status = CheckEarlierRun(options);
+    return status.code() == StatusCode::kFailedPrecondition ? status.message() : "";
+  };
+  // Files of the user's own.
+  for (const char* name : {"agent.h5", "config.toml", "progress.csv"}) {
+    WriteBytes(folder.File(name), "mine");
+    CHECK_THAT(refusal(), Catch::Contains(name));
+    std::filesystem::remove(folder.File(name));
+  }
+  // A run that has not come to a checkpoint begins anew, but for the model of another one.
+  REQUIRE(WriteRunRecord(options).ok());
+  for (const char* name : {"metrics.jsonl", "ensemble.h5"}) WriteBytes(folder.File(name), "");
+  CHECK(CheckEarlierRun(options).ok());
+  options.seed = 9;
+  CHECK_THAT(refusal(), Catch::Contains("the model of a run with other options"));
+  options.seed = 0;
+  for (const bool resume : {false, true}) {
+    options.resume = resume;
+    WriteBytes(folder.File("result.json"), R"({"state": "killed", "reason": "", "updates": 9})");
+    CHECK(CheckEarlierRun(options).ok());
+    WriteBytes(folder.File("result.json"), R"({"state": "finished", "reason": "", "updates": 9})");
+    CHECK_THAT(refusal(), Catch::Contains("holds a finished run"));
+  }
+}
+
 TEST_CASE("A run's name tells it from every other") {
   constexpr LearnerNeeds kOffline = {.dataset = true}, kOnline = {.simulator = true},
                          kHybrid = {.simulator = true, .dataset = true};
