@@ -153,11 +153,11 @@ std::optional<std::string> LearnedRows(const std::string& folder) {
   return TextOf(*learned, "columns_sha256");
 }
 
-void RemoveLearned(const std::string& folder) {
+void SetLearnedAside(const std::string& folder) {
   std::error_code ignored;
-  for (const std::string& path :
-       {LearnedPath(folder), AgentPath(folder), ReturnsPath(folder), CurvePath(folder)}) {
-    std::filesystem::remove(path, ignored);
+  for (const char* name : {"learned.json", "agent.h5", "returns.json", "curve.json"}) {
+    std::filesystem::rename(fmt::format("{}/{}", folder, name),
+                            fmt::format("{}/earlier-{}", folder, name), ignored);
   }
 }
 

@@ -40,9 +40,10 @@ bool HasLearned(const PlannedRun& run, const std::string& folder,
 bool HasAgent(const std::string& folder);
 // The hash of the rows that KeepLearned was told of there; nothing where it has kept nothing.
 std::optional<std::string> LearnedRows(const std::string& folder);
-// Removes what an earlier attempt has left of these files, but nothing else that a learner may keep
-// there to go on from.
-void RemoveLearned(const std::string& folder);
+// Renames what an earlier attempt has left of these files, "agent.h5" to "earlier-agent.h5", and
+// nothing else that a learner may keep there to go on from. It may have ended well, with its runner
+// killed or the disk full.
+void SetLearnedAside(const std::string& folder);
 // By which results know the command of the run's learner: the SHA-256 of its text.
 std::string LearnerHash(const PlannedRun& run);
 // Without a curve while its agent was not evaluated.

@@ -58,6 +58,11 @@ void RemoveTraining(const std::string& folder) {
 
 void RemoveProgress(const std::string& folder) {
   std::error_code ignored;
+  const auto state = ReadRunStatus(folder);
+  if (state.ok() && state->state == RunState::kFinished) {
+    fs::rename(folder + "/agent.h5", fmt::format("{}/agent-{}.h5", folder, state->updates),
+               ignored);
+  }
   for (const char* name : {"/result.json", "/progress.csv"}) fs::remove(folder + name, ignored);
 }
 
@@ -93,11 +98,15 @@ std::string FailureOf(const std::string& folder) {
   return error.ok() ? TextOf(*error, "reason") : "";
 }
 
-void RemoveDiverged(const std::string& folder) {
-  RemoveFrom(folder, [](std::string_view name) { return name != "claim" && name != kMark; });
+Status RemoveDiverged(const std::string& folder) {
+  B4MRL_ASSIGN_OR_RETURN(const UniqueFd lock, LockRunFolder(folder));
+  RemoveFrom(folder, [](std::string_view name) {
+    return name != "claim" && name != "lock" && name != kMark;
+  });
   // The mark goes last, so that half a run is not resumed.
   std::error_code ignored;
   fs::remove(MarkPath(folder), ignored);
+  return Status();
 }
 
 }  // namespace b4mrl

@@ -20,7 +20,8 @@ std::string DatasetStem(const std::string& folder, std::string dataset);
 // `b4mrl train` was stopped, on its way to more updates than the run's result has.
 void RemoveTraining(const std::string& folder);
 // Removes what says how far a training has come, before another one begins from its first update:
-// no result may be written of it any more.
+// no result may be written of it any more. Its agent, of which there may be a result, is kept under
+// the name "agent-<updates>.h5" if the training was finished.
 void RemoveProgress(const std::string& folder);
 // Removes the scorings of the agent that is about to be trained further, or anew.
 void RemoveScorings(const PlannedRun& run, const std::string& folder);
@@ -34,7 +35,7 @@ void KeepFailure(const std::string& folder, const std::string& reason);
 void RemoveFailure(const std::string& folder);
 // "" if it was not given up.
 std::string FailureOf(const std::string& folder);
-// Removes a diverged run, but not its claim, which is held.
-void RemoveDiverged(const std::string& folder);
+// Removes a diverged run, but not its claim, which is held. kBusy while somebody trains there.
+Status RemoveDiverged(const std::string& folder);
 
 }  // namespace b4mrl

@@ -153,7 +153,7 @@ Result<bool> Runner::TryToBegin(size_t number) {
       Fail(task, "diverged before; --retry begins it anew");
       return true;
     }
-    RemoveDiverged(task.folder);
+    B4MRL_RETURN_IF_ERROR(RemoveDiverged(task.folder));
   }
   return BeginTraining(number, std::move(claim));
 }
@@ -202,10 +202,10 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       return true;
     }
     if (HasAgent(task.folder)) return BeginMissingScoring(number, {}, claim);
-    if (!FinishedResult(task)) RemoveLearned(task.folder);  // it is to do more: it begins anew
+    if (!FinishedResult(task)) SetLearnedAside(task.folder);  // it is to do more: it begins anew
     return false;
   } else {
-    RemoveLearned(task.folder);  // of an attempt that failed, or of another command
+    SetLearnedAside(task.folder);  // of an attempt that failed, or of another command
     B4MRL_ASSIGN_OR_RETURN(EnvironmentSpec spec, client_.FindEnvironment(run.environment));
     B4MRL_ASSIGN_OR_RETURN(const uint64_t ledger, client_.OpenLedger());
     const LearnerPlace place = {client_.endpoint(), options_.suites, ledger};

@@ -23,11 +23,30 @@ TEST_CASE("A diverged run that is removed stays claimed") {
   CHECK_FALSE(IsMarkedDiverged(folder.path()));
   RequireOk(MarkDiverged(folder.path(), {RunState::kDiverged, "a loss is \xff", 7}));
   CHECK(IsMarkedDiverged(folder.path()));
-  RemoveDiverged(folder.path());
+  {
+    const UniqueFd training = Take(LockRunFolder(folder.path()));
+    CHECK(RemoveDiverged(folder.path()).code() == StatusCode::kBusy);
+    CHECK(fs::exists(folder.File("checkpoint-10.h5")));
+  }
+  RequireOk(RemoveDiverged(folder.path()));
   CHECK_FALSE(IsMarkedDiverged(folder.path()));
   const auto left = std::distance(fs::directory_iterator(folder.path()), fs::directory_iterator());
-  CHECK(left == 1);
+  CHECK(left == 2);  // with the lock of trainings
   CHECK_FALSE(Take(Claim(folder.File("claim"))).valid());
+}
+
+TEST_CASE("The agent of a finished run is kept when a longer one begins anew") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("agent.h5"), "agent");
+  for (const bool has_finished : {false, true}) {
+    const std::string state = has_finished ? "finished" : "interrupted";
+    WriteBytes(folder.File("result.json"),
+               R"({"state": ")" + state + R"(", "reason": "", "updates": 40})");
+    RemoveProgress(folder.path());
+    CHECK_FALSE(fs::exists(folder.File("result.json")));
+    CHECK(fs::exists(folder.File("agent-40.h5")) == has_finished);
+    CHECK(fs::exists(folder.File("agent.h5")) != has_finished);
+  }
 }
 
 TEST_CASE("What only a run that goes on needs is removed when it has ended") {
