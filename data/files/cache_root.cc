@@ -27,7 +27,7 @@ Status MakeFolderWithMode(const std::string& path, mode_t mode) {
   return Status();
 }
 
-std::string InDataFolder(const std::string& data_folder) { return data_folder + "/.cache"; }
+std::string InDataFolder(const std::string& data_folder) { return data_folder + "/.b4mrl-cache"; }
 
 // Whether this process may write to a folder, or to the folder in which it would have to be made.
 bool MayWriteTo(const std::string& folder) {

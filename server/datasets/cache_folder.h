@@ -1,9 +1,9 @@
 // The folder of a data folder's column caches: where caches lie, which are removed when they take
 // too much room, and how the remains of killed processes are removed.
 //
-//   DATA/.cache/<fingerprint>/        a column cache: of a file, or derived from a cache
-//   DATA/.cache/unfinished-<key>-*/   a cache that is being written or removed
-//   DATA/.cache/locks/<key>           locked while what the key names is being made
+//   DATA/.b4mrl-cache/<fingerprint>/        a column cache: of a file, or derived from a cache
+//   DATA/.b4mrl-cache/unfinished-<key>-*/   a cache that is being written or removed
+//   DATA/.b4mrl-cache/locks/<key>           locked while what the key names is being made
 //
 // A key is a cache's fingerprint or, of an import, a hash of the dataset's name. Several daemons,
 // in containers and on several hosts, may share a data folder: the lock ends with the process that
@@ -22,7 +22,7 @@
 
 namespace b4mrl {
 
-// A folder inside DATA/.cache for one import. The destructor removes it.
+// A folder inside DATA/.b4mrl-cache for one import. The destructor removes it.
 class ImportFolder {
  public:
   explicit ImportFolder(std::string path) : path_(std::move(path)) {}

@@ -2,7 +2,7 @@
 // files on disk, failures in memory. An entry holds as long as the file's size, time of change and
 // inode stay the same.
 //
-//   DATA/.cache/index/<hash of the name>.json
+//   DATA/.b4mrl-cache/index/<hash of the name>.json
 //
 // Any thread.
 #pragma once

@@ -2,9 +2,9 @@
 //
 // It never opens HDF5: a short-lived importer process (importer.h) turns a file into a column
 // cache, and the dataset worker maps such caches, read-only. A corrupted dataset is another column
-// cache, a pure function of (rows, corruptions, seed). Both live in DATA/.cache/<fingerprint>,
-// and Sample, Read and DatasetStats name the fingerprint, so a worker that was killed and started
-// again serves them with no other state.
+// cache, a pure function of (rows, corruptions, seed). Both live in
+// DATA/.b4mrl-cache/<fingerprint>, and Sample, Read and DatasetStats name the fingerprint, so a
+// worker that was killed and started again serves them with no other state.
 //
 // One thread receives messages, gathers rows straight into the reply's frame and sends; a reply
 // that takes long is filled in turns with others (server/batches/batch_turns.h). Threads of their

@@ -1,11 +1,11 @@
 // The compiled models of users (model=FILE.xml): has files compiled by sandboxed processes, and
 // remembers the compiled model or the error for as long as the file's content does not change.
 //
-//   DATA/.cache/models/<hash>.mjb   compiled models, named by content, at most kMaxCompiledModels;
-//                                   a session remembers its model's hash, so a later change of
-//                                   FILE.xml changes no running session
-//   DATA/.cache/models/.trial-*     models that are being compiled; what a killed gateway has left
-//                                   is removed once no compiler can still write it
+//   DATA/.b4mrl-cache/models/<hash>.mjb   compiled models, named by content, at most
+//                                         kMaxCompiledModels; a session remembers its model's hash,
+//                                         so a later change of FILE.xml changes no running session
+//   DATA/.b4mrl-cache/models/.trial-*     models that are being compiled; what a killed gateway has
+//                                         left is removed once no compiler can still write it
 //
 // Any thread. Which file is compiled when is decided by server/process/preparation_queue.h.
 #pragma once

@@ -119,12 +119,12 @@ class Scene {
   void RequireCaches() const {
     for (const std::string& fingerprint : kept_) {
       CAPTURE(fingerprint);
-      REQUIRE(fs::exists(folder_.File(".cache/" + fingerprint + "/manifest.json")));
+      REQUIRE(fs::exists(folder_.File(".b4mrl-cache/" + fingerprint + "/manifest.json")));
     }
   }
   bool HasCaches(size_t count) const {
     size_t found = 0;
-    for (const auto& entry : fs::directory_iterator(folder_.File(".cache"))) {
+    for (const auto& entry : fs::directory_iterator(folder_.File(".b4mrl-cache"))) {
       found += entry.path().filename().string().size() == 32 ? 1 : 0;
     }
     return found == count;

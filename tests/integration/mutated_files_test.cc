@@ -108,7 +108,7 @@ void OpenMutants(int count) {
   CHECK(LookAt(client, "dataset-worker").restarts == 0);
   CHECK(LookAt(client, "worker-0").restarts == 0);
   CHECK(LookAt(client, "worker-0").steps == static_cast<uint64_t>(stepped));
-  for (const auto& entry : fs::directory_iterator(data.File(".cache"))) {
+  for (const auto& entry : fs::directory_iterator(data.File(".b4mrl-cache"))) {
     CHECK_FALSE(entry.path().filename().string().starts_with("unfinished-"));
   }
 }

@@ -181,7 +181,7 @@ TEST_CASE("What the daemon makes is its user's alone, whatever the umask says") 
   REQUIRE(client.Make("Hopper", options).ok());
   std::vector<fs::path> made = {folder.File("socket"), client.hello().dataset_port().ipc()};
   for (const auto& entry : fs::recursive_directory_iterator(data)) made.push_back(entry.path());
-  REQUIRE(made.size() >= 5);  // with .cache, its models, one of them
+  REQUIRE(made.size() >= 5);  // with .b4mrl-cache, its models, one of them
   for (const fs::path& path : made) {
     INFO(path);
     CHECK((fs::status(path).permissions() & ~fs::perms::owner_all) == fs::perms::none);

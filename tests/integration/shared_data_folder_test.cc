@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 // Entries of a cache folder that are column caches: fingerprints as names.
 size_t CountCaches(const TemporaryFolder& data) {
   size_t caches = 0;
-  for (const auto& entry : fs::directory_iterator(data.File(".cache"))) {
+  for (const auto& entry : fs::directory_iterator(data.File(".b4mrl-cache"))) {
     caches += entry.path().filename().string().size() == 32 ? 1 : 0;
     REQUIRE_FALSE(entry.path().filename().string().starts_with("unfinished-"));
   }

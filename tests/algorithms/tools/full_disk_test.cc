@@ -103,7 +103,7 @@ TEST_CASE("A dataset whose columns find no room is refused, and the daemon goes 
   options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
   options.data_folder = disk.path();
   // Columns that an earlier daemon left would need no room.
-  fs::remove_all(disk.path() + "/.cache");
+  fs::remove_all(disk.path() + "/.b4mrl-cache");
   disk.FillUpTo(64 << 10);
   Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
   REQUIRE(daemon.ok());

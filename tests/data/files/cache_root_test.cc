@@ -35,9 +35,9 @@ mode_t ModeOf(const std::string& path) {
 TEST_CASE("Caches are in the data folder, for its user alone") {
   const User user;
   fs::create_directory(user.File("data"));
-  REQUIRE(CacheRoot(user.File("data")) == user.File("data/.cache"));
+  REQUIRE(CacheRoot(user.File("data")) == user.File("data/.b4mrl-cache"));
   REQUIRE(MakeCacheRoot(user.File("data")).ok());
-  CHECK(ModeOf(user.File("data/.cache")) == 0700);
+  CHECK(ModeOf(user.File("data/.b4mrl-cache")) == 0700);
   CHECK_FALSE(fs::exists(user.File("cache")));
 }
 
@@ -59,14 +59,14 @@ TEST_CASE("Caches of a data folder to which nothing can be written are in the us
 TEST_CASE("Caches of a data folder that is still to be made will be in it") {
   const User user;
   const std::string data = user.File("not/yet");
-  REQUIRE(CacheRoot(data) == data + "/.cache");
+  REQUIRE(CacheRoot(data) == data + "/.b4mrl-cache");
   REQUIRE(MakeCacheRoot(data).ok());
-  CHECK(fs::is_directory(data + "/.cache"));
-  CHECK(CacheRoot(data) == data + "/.cache");
+  CHECK(fs::is_directory(data + "/.b4mrl-cache"));
+  CHECK(CacheRoot(data) == data + "/.b4mrl-cache");
 
   const fs::path before = fs::current_path();
   fs::current_path(data);
-  CHECK(CacheRoot("here") == "here/.cache");
+  CHECK(CacheRoot("here") == "here/.b4mrl-cache");
   fs::current_path(before);
   CHECK_FALSE(fs::exists(user.File("cache")));
 }
@@ -78,14 +78,14 @@ TEST_CASE("A data folder or a cache of somebody else's is not written to") {
   }
   const User user;
   const std::string data = user.File("data");
-  fs::create_directories(data + "/.cache");
-  chmod((data + "/.cache").c_str(), 0500);
+  fs::create_directories(data + "/.b4mrl-cache");
+  chmod((data + "/.b4mrl-cache").c_str(), 0500);
   CHECK(CacheRoot(data).starts_with(user.File("cache/b4mrl/data-")));
-  chmod((data + "/.cache").c_str(), 0700);
+  chmod((data + "/.b4mrl-cache").c_str(), 0700);
   chmod(data.c_str(), 0500);
-  CHECK(CacheRoot(data) == data + "/.cache");
+  CHECK(CacheRoot(data) == data + "/.b4mrl-cache");
   fs::permissions(data, fs::perms::owner_all);
-  fs::remove(data + "/.cache");
+  fs::remove(data + "/.b4mrl-cache");
   chmod(data.c_str(), 0500);
   CHECK(CacheRoot(data).starts_with(user.File("cache/b4mrl/data-")));
   chmod(data.c_str(), 0700);

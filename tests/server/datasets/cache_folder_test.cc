@@ -28,7 +28,7 @@ struct Caches {
     const auto now = fs::file_time_type::clock::now();
     const std::vector<float> rewards((1 << 20) / sizeof(float), 1.0f);
     for (int i = 0; i < 5; ++i) {
-      paths.push_back(folder.File(".cache/" + std::string(32, static_cast<char>('a' + i))));
+      paths.push_back(folder.File(".b4mrl-cache/" + std::string(32, static_cast<char>('a' + i))));
       ColumnCacheWriter writer = Take(ColumnCacheWriter::Create(paths.back()));
       Take(writer.AddColumn("rewards", DType::kFloat32, 1));
       RequireOk(writer.Append(0, std::span<const float>(rewards)));
@@ -106,11 +106,11 @@ TEST_CASE("a lock whose file was removed is not had by who had opened the file b
   Take(cache.Lock("aa", cancelled));
   // As a host sees it that has the folder by NFS, and for which the removed file still has its
   // name.
-  WriteBytes(folder.File(".cache/locks/aa"), "-");
+  WriteBytes(folder.File(".b4mrl-cache/locks/aa"), "-");
   CHECK(cache.Lock("aa", cancelled).status().code() == StatusCode::kUnavailable);
   cache.RemoveLeftovers();
-  CHECK(fs::exists(folder.File(".cache/locks/aa")));  // whose it may be
-  fs::remove(folder.File(".cache/locks/aa"));
+  CHECK(fs::exists(folder.File(".b4mrl-cache/locks/aa")));  // whose it may be
+  fs::remove(folder.File(".b4mrl-cache/locks/aa"));
   CHECK(cache.Lock("aa", cancelled).ok());
 }
 

@@ -180,7 +180,7 @@ TEST_CASE("caches that were opened longest ago make room, and come back when ask
     CHECK(fixture.OpenMade(store, fixture.Request("obs-noise=1", 0))->fingerprint == made[0]);
     // A file system's clock ticks every few milliseconds, and this takes less.
     if (seed == 0) continue;
-    const std::string newest = fixture.folder.File(".cache/" + made.back());
+    const std::string newest = fixture.folder.File(".b4mrl-cache/" + made.back());
     fs::last_write_time(newest, fs::last_write_time(newest) - std::chrono::hours(1));
   }
   CHECK(store.Load(made[1]).status().code() == StatusCode::kUnknownName);
@@ -230,8 +230,8 @@ TEST_CASE("no cache goes for a file that is not found good, or that takes more t
   CHECK(fixture.HasCache(first));
   CHECK(fixture.HasCache(second));
   // A sparse file among the caches takes no room.
-  WriteBytes(fixture.folder.File(".cache/" + second + "/more"), "");
-  fs::resize_file(fixture.folder.File(".cache/" + second + "/more"), 70ull << 30);
+  WriteBytes(fixture.folder.File(".b4mrl-cache/" + second + "/more"), "");
+  fs::resize_file(fixture.folder.File(".b4mrl-cache/" + second + "/more"), 70ull << 30);
   CHECK(fixture.OpenMade(store, fixture.Request("", 0)).ok());
   REQUIRE(fixture.OpenMade(store, fixture.Request("hidden=1")).ok());
   CHECK(fixture.CacheCount() == 2);
@@ -303,7 +303,7 @@ TEST_CASE("an import that failed for its file is not tried again until the file 
 TEST_CASE("a cache of another schema is made anew") {
   const StoreFixture fixture;
   const std::string fingerprint = fixture.OpenMade("")->fingerprint;
-  const std::string path = fixture.folder.File(".cache/" + fingerprint + "/manifest.json");
+  const std::string path = fixture.folder.File(".b4mrl-cache/" + fingerprint + "/manifest.json");
   ChangeManifestSchema(path, 2);
   const auto again = fixture.OpenMade("");
   REQUIRE(again.ok());
@@ -324,8 +324,9 @@ TEST_CASE("caches are their user's alone, unless the data folder is its group's"
       umask(umask_before);
       CHECK(opened);
       const mode_t folders = (mode & 0020) != 0 ? mode : 0700;
-      CHECK(fixture.ModeOf(".cache") == folders);
-      for (const auto& entry : fs::recursive_directory_iterator(fixture.folder.File(".cache"))) {
+      CHECK(fixture.ModeOf(".b4mrl-cache") == folders);
+      for (const auto& entry :
+           fs::recursive_directory_iterator(fixture.folder.File(".b4mrl-cache"))) {
         CAPTURE(entry.path().string());
         const mode_t wanted = entry.is_directory() ? folders : folders & 0666;
         CHECK(fixture.ModeOf(fs::relative(entry.path(), fixture.folder.path())) == wanted);
@@ -335,9 +336,9 @@ TEST_CASE("caches are their user's alone, unless the data folder is its group's"
   // What an earlier version left open is closed when a worker starts.
   const StoreFixture fixture;
   REQUIRE(fixture.OpenMade("").ok());
-  fs::permissions(fixture.folder.File(".cache"), fs::perms(0755));
+  fs::permissions(fixture.folder.File(".b4mrl-cache"), fs::perms(0755));
   fixture.Store().TidyUp();
-  CHECK(fixture.ModeOf(".cache") == 0700);
+  CHECK(fixture.ModeOf(".b4mrl-cache") == 0700);
 }
 
 TEST_CASE("a full disk while deriving is an error that leaves no cache") {
@@ -356,9 +357,9 @@ TEST_CASE("a full disk while deriving is an error that leaves no cache") {
 
 TEST_CASE("what dead processes left half-made is removed, what live ones make is not") {
   const StoreFixture fixture;
-  const std::string dead = fixture.folder.File(".cache/unfinished-aa-abcdef");
-  const std::string of_older_version = fixture.folder.File(".cache/unfinished-12-import-0");
-  const std::string live = fixture.folder.File(".cache/unfinished-bb-abcdef");
+  const std::string dead = fixture.folder.File(".b4mrl-cache/unfinished-aa-abcdef");
+  const std::string of_older_version = fixture.folder.File(".b4mrl-cache/unfinished-12-import-0");
+  const std::string live = fixture.folder.File(".b4mrl-cache/unfinished-bb-abcdef");
   for (const std::string& path : {dead, of_older_version, live}) fs::create_directories(path);
   const std::atomic<bool> cancelled{false};
   const CacheFolder cache(fixture.folder.path(), 1ull << 30);
@@ -368,8 +369,8 @@ TEST_CASE("what dead processes left half-made is removed, what live ones make is
   CHECK_FALSE(fs::exists(dead));
   CHECK_FALSE(fs::exists(of_older_version));
   CHECK(fs::exists(live));
-  CHECK(fs::exists(fixture.folder.File(".cache/locks/bb")));
-  CHECK_FALSE(fs::exists(fixture.folder.File(".cache/locks/aa")));
+  CHECK(fs::exists(fixture.folder.File(".b4mrl-cache/locks/bb")));
+  CHECK_FALSE(fs::exists(fixture.folder.File(".b4mrl-cache/locks/aa")));
 }
 
 }  // namespace

@@ -316,7 +316,7 @@ TEST_CASE("a damaged cache is refused by fingerprint and made anew by name") {
       daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
   const auto before = daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations");
   daemon.Stop();
-  const std::string column = files.folder.File(".cache/" + fingerprint + "/observations.raw");
+  const std::string column = files.folder.File(".b4mrl-cache/" + fingerprint + "/observations.raw");
   std::string bytes = ReadBytes(column);
   bytes[1000] ^= 1;
   WriteBytes(column, bytes);

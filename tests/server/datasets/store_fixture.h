@@ -57,13 +57,13 @@ struct StoreFixture {
             TransitionRule::kStored};
   }
   bool HasCache(const std::string& fingerprint) const {
-    return std::filesystem::exists(folder.File(".cache/" + fingerprint + "/manifest.json"));
+    return std::filesystem::exists(folder.File(".b4mrl-cache/" + fingerprint + "/manifest.json"));
   }
   // On disk, in whole blocks.
   uint64_t CacheBytes(const std::string& fingerprint) const {
     uint64_t bytes = 0;
     for (const auto& entry :
-         std::filesystem::directory_iterator(folder.File(".cache/" + fingerprint))) {
+         std::filesystem::directory_iterator(folder.File(".b4mrl-cache/" + fingerprint))) {
       bytes += (entry.file_size() + 4095) / 4096 * 4096;
     }
     return bytes;
@@ -74,14 +74,14 @@ struct StoreFixture {
     return info.st_mode & 0777;
   }
   size_t UnfinishedCount() const {
-    const std::filesystem::directory_iterator entries(folder.File(".cache"));
+    const std::filesystem::directory_iterator entries(folder.File(".b4mrl-cache"));
     return std::ranges::count_if(entries, [](const auto& entry) {
       return entry.path().filename().string().starts_with(kUnfinishedCachePrefix);
     });
   }
   size_t CacheCount() const {
     size_t count = 0;
-    for (const auto& entry : std::filesystem::directory_iterator(folder.File(".cache"))) {
+    for (const auto& entry : std::filesystem::directory_iterator(folder.File(".b4mrl-cache"))) {
       count += entry.path().filename().string().size() == 32 ? 1 : 0;
     }
     return count;

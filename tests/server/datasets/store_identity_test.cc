@@ -34,7 +34,7 @@ TEST_CASE("an importer cannot pass its columns off as another file's") {
               .ok());
   // Copies another dataset's cache with other statistics and claims the other's names.
   const std::string stolen = fixture.folder.File("stolen");
-  fs::copy(fixture.folder.File(".cache/" + victim->fingerprint), stolen);
+  fs::copy(fixture.folder.File(".b4mrl-cache/" + victim->fingerprint), stolen);
   ChangeManifest(stolen + "/manifest.json", [](nlohmann::json& manifest) {
     manifest["properties"]["transition_rule"] = "d4rl";
   });
@@ -52,7 +52,7 @@ TEST_CASE("an importer cannot hide dimensions that the columns have not") {
   const StoreFixture fixture;
   const auto honest = fixture.OpenMade("");
   REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/evil.h5"), fixture.data).ok());
-  const std::string columns = fixture.folder.File(".cache/" + honest->fingerprint);
+  const std::string columns = fixture.folder.File(".b4mrl-cache/" + honest->fingerprint);
   for (const auto& [hidden, is_refused] : {std::pair{"9, 4000", true}, std::pair{"9", false}}) {
     CAPTURE(hidden);
     DatasetStore store =
@@ -65,7 +65,7 @@ TEST_CASE("an importer cannot hide dimensions that the columns have not") {
     INFO(opened.ToString());
     CHECK(opened.ok() != is_refused);
     if (is_refused) CHECK_THAT(opened.message(), Catch::Contains("is 4000, allowed: 0..16"));
-    fs::remove_all(fixture.folder.File(".cache/index"));
+    fs::remove_all(fixture.folder.File(".b4mrl-cache/index"));
   }
 }
 
@@ -189,10 +189,10 @@ TEST_CASE("a file that was imported for another version of its environment is im
   const std::string earlier = ImportedFingerprint("HalfCheetah-v77", now->info.columns_sha256,
                                                   now->dataset->cache().properties());
   REQUIRE(earlier != now->fingerprint);
-  fs::rename(fixture.folder.File(".cache/" + now->fingerprint),
-             fixture.folder.File(".cache/" + earlier));
-  const std::string entry =
-      fixture.folder.File(".cache/index/" + DatasetIndex::KeyOf("HalfCheetah/medium") + ".json");
+  fs::rename(fixture.folder.File(".b4mrl-cache/" + now->fingerprint),
+             fixture.folder.File(".b4mrl-cache/" + earlier));
+  const std::string entry = fixture.folder.File(
+      ".b4mrl-cache/index/" + DatasetIndex::KeyOf("HalfCheetah/medium") + ".json");
   nlohmann::json json = nlohmann::json::parse(ReadBytes(entry), nullptr, false);
   json["fingerprint"] = earlier;
   WriteBytes(entry, json.dump());
