@@ -53,7 +53,7 @@ Status Refuse(const ConfigEntry& entry, std::string_view allowed) {
 // These take a value where no flag has set the option, and check it either way.
 
 Status TakeCount(const ConfigEntry& entry, uint32_t least, uint32_t most, uint32_t* target) {
-  const std::optional<int64_t> value = entry.value.value<int64_t>();
+  const std::optional<int64_t> value = entry.value.value_exact<int64_t>();
   if (!value || *value < least || *value > most) {
     return Refuse(entry, fmt::format("a number in {}..{}", least, most));
   }
@@ -69,9 +69,9 @@ Status TakeText(const ConfigEntry& entry, std::string* target) {
 }
 
 Status TakeFlag(const ConfigEntry& entry, bool* target) {
-  const std::optional<bool> value = entry.value.value<bool>();
+  const std::optional<bool> value = entry.value.value_exact<bool>();
   if (!value) return Refuse(entry, "true or false");
-  *target |= *value;
+  *target = *value;
   return Status();
 }
 
@@ -137,6 +137,13 @@ constexpr ConfigKey kConfigKeys[] = {
     {"spin", [](Entry entry, ServeOptions& to) { return TakeSpin(entry, &to.spin_us); }},
 };
 
+constexpr std::pair<const char*, bool ServeOptions::*> kSwitches[] = {
+    {"--pin", &ServeOptions::pin},
+    {"--insecure", &ServeOptions::insecure},
+    {"--single-port", &ServeOptions::single_port},
+    {"--no-door", &ServeOptions::no_door},
+};
+
 // Takes the options that no flag has set from the file. Checks every key, so that a misspelt key is
 // an error.
 Status ApplyConfigValue(const ConfigEntry& entry, ServeOptions* options) {
@@ -165,10 +172,14 @@ Status CheckFolder(const char* flag, const std::string& path) {
   return Status();
 }
 
-Status Complete(Flags* flags) {
+Status Complete(const CLI::App& app, Flags* flags) {
   ServeOptions& serve = flags->serve;
   if (!flags->config_file.empty()) {
+    const ServeOptions given = serve;
     B4MRL_RETURN_IF_ERROR(ApplyConfigFile(flags->config_file, &serve));
+    for (const auto& [name, option] : kSwitches) {  // perhaps as "--pin=false"
+      if (app.count(name) > 0) serve.*option = given.*option;
+    }
   }
   if (serve.binds.empty()) serve.binds = {"tcp://127.0.0.1:7700"};
   if (serve.workers == 0) serve.workers = std::min(ProcessorCount(), 4u);
@@ -314,7 +325,7 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
     CompleteChild(serve, child_flags, &line);
     return line;
   }
-  if (const Status status = Complete(&flags); !status.ok()) {
+  if (const Status status = Complete(app, &flags); !status.ok()) {
     fmt::print(stderr, "b4mrl serve: {}\n", status.message());
     *exit_code = kExitBadInput;
     return std::nullopt;

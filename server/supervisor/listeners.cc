@@ -248,10 +248,13 @@ Status FillDoors(Listeners* listeners) {
   return Status();
 }
 
-// Makes the folder of the socket `path` the daemon's, and its data folder too if that is the one in
-// it which PrivateDaemon makes (client/private_daemon.h): any other holds data of the user's.
+// Makes the folder of the socket `path` the daemon's if it has the name of those that clients make,
+// and its data folder too if that is the one in it which PrivateDaemon makes
+// (client/private_daemon.h): any other holds data of the user's.
 void OwnFolderOf(const std::string& path, const std::string& data_folder, Listeners* listeners) {
-  listeners->private_folder = path.substr(0, path.rfind('/'));
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  if (!folder.filename().string().starts_with("b4mrl-")) return;
+  listeners->private_folder = folder;
   const std::string data = listeners->private_folder + "/data";
   listeners->private_data = data_folder == data ? data : "";
 }

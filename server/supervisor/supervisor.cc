@@ -23,6 +23,8 @@ namespace {
 constexpr int64_t kTickMs = 50;
 // A longer gap between two ticks means that the supervisor itself (or the machine) stood still.
 constexpr int64_t kPausedMs = 500;
+// A program such as timeout(1) tells the daemon and then its group, which is one wish.
+constexpr int64_t kSameWishMs = 100;
 constexpr int64_t kStartMs = 60'000;
 constexpr uint32_t kMaxDeathsAtStart = 5;
 // Every connection takes a descriptor, and a relayed session several.
@@ -166,8 +168,9 @@ int Supervisor::Run(int signal_fd) {
     int terminations = ReadSignals(signal_fd);
     if (terminations > 0 && !draining_) {
       BeginDrain(tick_ms);
-      --terminations;
+      terminations = 0;
     }
+    if (tick_ms < drain_end_ms_ - limits::kDrainMs + kSameWishMs) terminations = 0;
     if (draining_ && (terminations > 0 || tick_ms > drain_end_ms_)) {
       spdlog::warn("ending without waiting for {}", terminations > 0 ? "the drain" : "stragglers");
       break;

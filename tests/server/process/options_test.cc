@@ -79,6 +79,18 @@ TEST_CASE("Every switch of a configuration file sets its own option alone") {
   CHECK(switches("no-door = false\n") == std::array{false, false, false, false});
 }
 
+TEST_CASE("A switch of the command line wins over that of the file, on or off") {
+  const Folders folders;
+  const ServeOptions options =
+      folders.ParseFile("data = " + folders.Quoted("data") +
+                            "insecure = true\npin = true\nsingle-port = true\nno-door = false\n",
+                        {"--insecure=false", "--pin=false", "--single-port=false", "--no-door"});
+  CHECK_FALSE(options.insecure);
+  CHECK_FALSE(options.pin);
+  CHECK_FALSE(options.single_port);
+  CHECK(options.no_door);
+}
+
 TEST_CASE("A flag wins over the key of the configuration file") {
   const Folders folders;
   const ServeOptions options = folders.ParseFile(

@@ -160,14 +160,14 @@ TEST_CASE("With one port, folders that killed daemons have left are removed, and
 
 TEST_CASE("A daemon's own folder ends with it, and a data folder only where it is the one in it") {
   const TemporaryFolder outside;
-  const std::string own = outside.File("own"), users = outside.File("users");
+  const std::string own = outside.File("b4mrl-own"), users = outside.File("users");
   const std::string parents[] = {own, outside.path(), users};
   const std::string data = parents[GENERATE(0, 1, 2)] + "/data";
   const bool is_inside = data == own + "/data";
   std::filesystem::create_directories(own);
   std::filesystem::create_directories(users);
-  std::filesystem::create_directories(data + "/.cache/models");
-  std::ofstream(data + "/.cache/models/file") << "compiled";
+  std::filesystem::create_directories(data + "/.b4mrl-cache/models");
+  std::ofstream(data + "/.b4mrl-cache/models/file") << "compiled";
   ServeOptions options = OptionsOn(own + "/serve");
   options.binds.push_back("ipc://" + users + "/socket");  // which the user has added
   options.own_folder = GENERATE(true, false);
@@ -176,7 +176,7 @@ TEST_CASE("A daemon's own folder ends with it, and a data folder only where it i
   CHECK_FALSE(std::filesystem::exists(own + "/serve"));
   CHECK(std::filesystem::exists(own) == !options.own_folder);
   CHECK(std::filesystem::exists(users));
-  CHECK(std::filesystem::exists(data + "/.cache/models/file") ==
+  CHECK(std::filesystem::exists(data + "/.b4mrl-cache/models/file") ==
         !(is_inside && options.own_folder));
 }
 
