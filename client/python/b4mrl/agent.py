@@ -260,6 +260,8 @@ def _write(target: Path, entries: Mapping[str, Any]) -> None:
         with h5py.File(unfinished, "w", libver=("earliest", "v110")) as file:
             for name, value in entries.items():
                 file[f"metadata/{name}"] = value
+        with unfinished.open("rb") as written:
+            os.fsync(written.fileno())  # else a machine that fails may leave an empty file
         unfinished.replace(target)
     finally:
         unfinished.unlink(missing_ok=True)

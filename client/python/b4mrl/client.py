@@ -82,8 +82,8 @@ class Client(Shown):
     def _leave_parent(self) -> None:
         """Connects anew in a forked child, which cannot use its parent's connections."""
         if os.getpid() != self._process_id:
-            self._process_id = os.getpid()
             self._connect()
+            self._process_id = os.getpid()  # once that has succeeded
 
     def _ask_gateway(self, request: Any) -> Any:
         self._leave_parent()

@@ -157,7 +157,7 @@ class Dataset(Shown):
         """
         rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
         seed = checks.unsigned("seed", self.default_seed if seed is None else seed)
-        number = self._next_batch if batch is None else batch
+        number = self._next_batch if batch is None else checks.unsigned("batch", batch)
         connection = self._connection
         request_id = self._send_sample(connection, rows, seed, number, with_indices)
         try:

@@ -67,7 +67,8 @@ class PrivateDaemon(Shown):
         # The finalizer stops the daemon when this object is collected and when the program ends.
         self._stop = weakref.finalize(self, _stop, self._process, keeper, folder, os.getpid())
         try:
-            self.endpoint = self._await_ready(command[0], time.monotonic() + ready_seconds)
+            wanted = "tcp://" if folder is None else f"ipc://{folder}/"  # not the caller's own
+            self.endpoint = self._await_ready(command[0], wanted, time.monotonic() + ready_seconds)
         except BaseException:
             self.stop()
             raise
@@ -98,8 +99,8 @@ class PrivateDaemon(Shown):
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def _await_ready(self, binary: str, deadline: float) -> str:
-        """Reads the daemon's output up to "ready ENDPOINT" and returns ENDPOINT."""
+    def _await_ready(self, binary: str, wanted: str, deadline: float) -> str:
+        """Reads the daemon's output up to the first "ready ENDPOINT" that is wanted."""
         assert self._process.stdout is not None
         descriptor, text = self._process.stdout.fileno(), b""
         poll = select.poll()  # select.select knows no descriptor beyond 1,023
@@ -112,8 +113,9 @@ class PrivateDaemon(Shown):
                 break
             text += received
             for line in text.split(b"\n")[:-1]:
-                if line.startswith(b"ready "):
-                    return line.removeprefix(b"ready ").decode()
+                address = line.decode(errors="replace").removeprefix("ready ")
+                if address != line.decode(errors="replace") and address.startswith(wanted):
+                    return address
         raise UnavailableError(
             f"the server {binary!r} did not get ready; its messages are on stderr"
         )

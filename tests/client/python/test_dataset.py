@@ -293,3 +293,11 @@ def test_a_dataset_says_what_it_is(example) -> None:
         assert "rows=5000" in repr(dataset.stats())
     (info,) = client.datasets()
     assert (info.name, info.rows) == ("HalfCheetah/medium", EXAMPLE_ROWS)
+
+
+def test_the_number_of_the_next_batch_does_not_overflow_in_the_callers_type(example) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        dataset.sample(4, batch=np.uint8(255))
+        following = dataset.sample(4)
+        assert_same(following, dataset.sample(4, batch=256))

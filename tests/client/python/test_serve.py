@@ -385,3 +385,9 @@ def test_the_package_is_imported_where_there_are_no_forks() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "b4mrl\n", "")
+
+
+def test_addresses_that_a_caller_adds_do_not_take_the_place_of_its_own() -> None:
+    with b4mrl.serve(arguments=["--bind", "tcp://127.0.0.1:0"]) as endpoint:
+        assert endpoint.startswith("ipc://")
+        b4mrl.connect(endpoint).close()

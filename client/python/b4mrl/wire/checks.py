@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import operator
 import os
 import reprlib
@@ -132,12 +133,15 @@ def deadline_ms(value: Any, default: float, name: str = "deadline_ms") -> float:
 def positive(name: str, value: Any) -> float:
     """`value`. InvalidArgumentError: it is not a positive finite number."""
     is_number = isinstance(value, int | float | np.integer | np.floating)
-    # Also refuses an integer that is too large for a float.
-    if not is_number or isinstance(value, bool) or not 0 < value <= sys.float_info.max:
+    number = 0.0
+    if is_number and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):  # an integer that is too large for a float
+            number = float(value)
+    if not 0 < number <= sys.float_info.max:
         raise InvalidArgumentError(
             f"{name} is {reprlib.repr(value)}, allowed: a finite number above 0"
         )
-    return float(value)
+    return number
 
 
 def action_row(action: ArrayLike, shape: tuple[int, ...]) -> Array:

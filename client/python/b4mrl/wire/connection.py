@@ -15,8 +15,8 @@ daemon again, if their own deadlines are not shorter.
 The daemon executes a numbered step once, however often it arrives. Replies that come twice, or after
 their request was given up, are dropped.
 Thread rule: one thread at a time; a second one gets FailedPreconditionError while the first is in a
-call. One thread may send and another one receive later. In a forked child, calls raise
-FailedPreconditionError, too.
+call, which it may close. One thread may send and another one receive later. In a forked child,
+calls raise FailedPreconditionError, too.
 """
 
 from __future__ import annotations
@@ -68,9 +68,6 @@ class Connection:
     Raises:
         InvalidArgumentError: `address` is malformed.
         UnavailableError: the system has no more sockets.
-
-    Attributes:
-        address: as given.
     """
 
     def __init__(
@@ -80,8 +77,9 @@ class Connection:
         self._is_relayed = is_relayed
         self._user = 0  # the thread that sent the last request
         self._inside = 0  # the thread that is in a call; 0: none
+        self._is_ending = False  # close was called
         self._heads = Heads(token)
-        self._next_id = 1
+        self.next_id = 1  # that the next send will return
         self._handshakes = 0
         self._looked = 0.0  # when _resend was last called
         self._pending: dict[int, Pending] = {}
@@ -99,13 +97,13 @@ class Connection:
     @property
     def is_usable(self) -> bool:
         """Whether requests may be sent: False after close, and in a forked child."""
-        return self._close_link.alive and self._link.process_id == os.getpid()
+        return self._close_link.alive and not self._is_ending and not self.is_inherited
 
     @property
     def is_free(self) -> bool:
-        """Whether no other running thread has used the connection last, so none is in a call."""
+        """Whether no other running thread is in a call, or has sent the last request."""
         others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
-        return self._user not in others
+        return self._user not in others and self._inside not in others
 
     @property
     def is_inherited(self) -> bool:
@@ -121,18 +119,22 @@ class Connection:
         """Closes the link and gives up unanswered requests.
 
         Queued requests are sent on for up to `linger_ms`: by ZeroMQ in the background, by a door
-        before this call returns.
+        before this call returns. A thread that is in a call gets an error and closes the link.
         """
         self._pending.clear()
-        if self._close_link.detach() is not None:
+        self._is_ending = True  # first, so that one of the two threads closes it
+        is_read = self._inside not in (0, threading.get_ident()) and not self.is_inherited
+        if not is_read and self._close_link.detach() is not None:
             self._link.close(linger_ms)
 
     def farewell(self, request: Any) -> None:
-        """Sends a last request without waiting for its reply, and closes the connection."""
+        """Sends a last request, through a door also again, and closes the connection."""
         if self.is_usable:
             self.abandon_all()  # makes room for one more, if as many as allowed are in flight
             with contextlib.suppress(errors.B4mrlError):
-                self.send(request, bytearray(), FAREWELL_MS)
+                request_id = self.send(request, bytearray(), FAREWELL_MS)
+                if self.transport == "door":  # whose worker may have been replaced
+                    self.receive(request_id)
         self.close(linger_ms=FAREWELL_MS)
 
     @property
@@ -150,11 +152,6 @@ class Connection:
                 return False
             self._link.await_handshake(min(wait_ms, 60_000))  # of a C int at most
         return True
-
-    @property
-    def next_id(self) -> int:
-        """The request id that the next send will return."""
-        return self._next_id
 
     def is_in_flight(self, request_id: int) -> bool:
         """Whether a request waits for its reply, or the reply waits to be received."""
@@ -181,26 +178,25 @@ class Connection:
         self._user = user
         self._refuse_unusable()
         if len(self._pending) + len(self._arrived) >= limits.MAX_REQUESTS_IN_FLIGHT:
-            raise errors.LimitExceededError(
-                f"allowed: at most {limits.MAX_REQUESTS_IN_FLIGHT} requests in flight"
-            )
+            most = limits.MAX_REQUESTS_IN_FLIGHT
+            raise errors.LimitExceededError(f"allowed: at most {most} requests in flight")
         envelope = request if isinstance(request, bytes) else request.SerializeToString()
         if len(envelope) > _MOST_BYTES:
             raise errors.InvalidArgumentError(
                 f"the request has {len(envelope)} bytes beside its arrays, "
                 f"allowed: at most {_MOST_BYTES}"
             )
-        request_id = self._next_id
+        request_id = self.next_id
         pending = Pending(envelope, payload)
         pending.set_deadline(deadline_ms)
         # The request is kept before it is sent, so that Ctrl-C in between does not lose it.
-        self._next_id += 1
+        self.next_id += 1
         self._pending[request_id] = pending
         try:
             self._inside = user
             is_sent = self._transmit(request_id, pending)
         finally:
-            self._inside = 0
+            self._step_out()
         if not is_sent:
             self._pending.pop(request_id, None)
             raise errors.UnavailableError("the queue of requests to the daemon is full")
@@ -243,7 +239,12 @@ class Connection:
             self._refuse_unusable()
             raise
         finally:
-            self._inside = 0
+            self._step_out()
+
+    def _step_out(self) -> None:
+        self._inside = 0
+        if self._is_ending:
+            self.close()
 
     def call(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
         """Sends a request, waits for its reply and returns it. Raises the daemon's error."""
@@ -256,8 +257,8 @@ class Connection:
     def ask_again(self, request_id: int, deadline_ms: float) -> None:
         """Sends a request again, with its old id and a new deadline, unless it has its outcome.
 
-        The outcome may be missing because the reply was not waited for, because Ctrl-C interrupted
-        its reading, or because the deadline has passed.
+        That may be missing because the reply was not waited for, or Ctrl-C interrupted its reading,
+        or the deadline has passed.
         """
         delivery = self._arrived.get(request_id)
         if delivery is not None and delivery.unsettled is not None:
@@ -367,7 +368,7 @@ class Connection:
     def _resend(self) -> None:
         handshakes, now = self.handshakes, time.monotonic()
         self._looked = now
-        if any(pending.asked + _QUIET_SECONDS < now for pending in self._pending.values()):
+        if any(each.asked + _QUIET_SECONDS < now for each in self._pending.values()):
             self._listening.look(now)
         if handshakes == 0:
             return  # all requests are still queued for the first connection
@@ -381,8 +382,7 @@ class Connection:
                 self._transmit(request_id, pending)
 
     def _expire(self) -> None:
-        now = time.monotonic()
-        due = [i for i, pending in self._pending.items() if self._end(pending) <= now]
+        due = [i for i, each in self._pending.items() if self._end(each) <= time.monotonic()]
         is_refused = bool(due) and self._listening.is_refused()
         for request_id in due:
             pending = self._pending[request_id]

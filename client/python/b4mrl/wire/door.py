@@ -46,6 +46,7 @@ _UP, _DOWN = (8, 16), (24, 32)
 _WORKER_SLEEPS, _CLIENT_SLEEPS = 80, 96
 _FOR_BYTES, _FOR_SPACE = 1, 2
 
+_MOST_NAME_BYTES = 107  # of a socket without a file
 _MOST_REFUSALS = 3
 _BLOCK_TIME = struct.pack("ll", 0, LONGEST_BLOCK_MS * 1000)  # a timeval
 
@@ -200,6 +201,9 @@ class Door:
     def _ask(self) -> socket.socket | None:
         """A connection, whose greeting may come later; None if there is none to have."""
         link = None
+        if len(self._name.encode()) > _MOST_NAME_BYTES:
+            self._refusals = _MOST_REFUSALS
+            return None
         try:
             link = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             link.setblocking(False)
@@ -209,12 +213,11 @@ class Door:
             if _is_trusted(link):
                 return link
             self._refusals = _MOST_REFUSALS
-        except BlockingIOError:
-            self._refusals += 1  # too many wait to be accepted
-        except TimeoutError:
-            raise  # no call above times out: a signal handler raised it
-        except OSError:
-            self._refusals = _MOST_REFUSALS
+        except OSError as error:
+            if error.errno is None:  # a signal handler raised it
+                raise
+            too_many_wait = isinstance(error, BlockingIOError)
+            self._refusals = self._refusals + 1 if too_many_wait else _MOST_REFUSALS
         if link is not None:
             link.close()
         return None
@@ -274,10 +277,11 @@ class Door:
         memory.sleeps[_WORKER_SLEEPS] = 0
         try:
             memory.link.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-        except (BlockingIOError, ConnectionError):  # bells enough, or nobody there
-            pass
         except OSError as error:
-            if error.errno != errno.EBADF:  # a signal handler has closed the link
+            # Bells enough, or nobody there, or a signal handler has closed the link. What a handler
+            # raises has no number.
+            is_known = isinstance(error, BlockingIOError | ConnectionError)
+            if error.errno is None or not (is_known or error.errno == errno.EBADF):
                 raise
 
     def _order_memory(self) -> None:
@@ -322,14 +326,15 @@ class Door:
             if wait_ms < LONGEST_BLOCK_MS and not _is_readable(link, wait_ms):
                 return
             has_ended = not link.recv(64)
-        except BlockingIOError:  # nobody rang
-            return
-        except ConnectionError:
-            has_ended = True
-        except OSError as error:  # a signal handler may raise TimeoutError
-            if error.errno != errno.EBADF:
+        except OSError as error:
+            if error.errno is None:  # a signal handler raised it
                 raise
-            has_ended = True  # a signal handler has closed the link
+            if isinstance(error, BlockingIOError):  # nobody rang
+                return
+            # The worker has ended, or a signal handler has closed the link.
+            if not isinstance(error, ConnectionError) and error.errno != errno.EBADF:
+                raise
+            has_ended = True
         finally:
             sleeps[_CLIENT_SLEEPS] = 0
         if has_ended and not reader.has_bytes():  # what the worker published before is taken first

@@ -165,9 +165,7 @@ def open_link(address: str) -> SocketLink:
         raise _no_socket(address, error) from error
     try:
         _configure(socket)
-        monitor = socket.get_monitor_socket(
-            zmq.EVENT_HANDSHAKE_SUCCEEDED, f"inproc://b4mrl-{next(_numbers)}"
-        )
+        monitor = _monitor_of(socket)
     except zmq.ZMQError as error:
         socket.close(linger=0)
         raise _no_socket(address, error) from error
@@ -179,6 +177,21 @@ def open_link(address: str) -> SocketLink:
         link.close()
         raise errors.InvalidArgumentError(f"address is {address!r} ({error}), {allowed}") from None
     return link
+
+
+def _monitor_of(socket: zmq.Socket[bytes]) -> zmq.Socket[bytes]:
+    """A socket that is told of each handshake.
+
+    Without a limit: where an idle connection is made anew again and again, ZeroMQ's thread would
+    wait for somebody to read of the two thousandth, and with it all sockets of the process.
+    """
+    place = f"inproc://b4mrl-{next(_numbers)}"
+    socket.monitor(place, zmq.EVENT_HANDSHAKE_SUCCEEDED)
+    monitor = _context_of(os.getpid()).socket(zmq.PAIR)
+    monitor.set(zmq.LINGER, 0)
+    monitor.set(zmq.RCVHWM, 0)
+    monitor.connect(place)
+    return monitor
 
 
 def _no_socket(address: str, error: zmq.ZMQError) -> errors.B4mrlError:

@@ -117,3 +117,11 @@ def test_a_query_that_is_refused_takes_no_draw(client: b4mrl.Client) -> None:
     with pytest.raises(errors.InvalidArgumentError):
         client.query("HalfCheetah", *ROW, "obs-noise=0.1", seed=-1)
     np.testing.assert_array_equal(client.query("HalfCheetah", *ROW, "obs-noise=0.1")[0], wanted)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_of_numpy_are_compared_as_pythons_are() -> None:
+    assert checks.positive("deadline_ms", np.float32(5000)) == 5000.0
+    for wrong in (np.float32("inf"), np.float32("nan"), 10**400, np.int8(0)):
+        with pytest.raises(errors.InvalidArgumentError, match="^deadline_ms is "):
+            checks.positive("deadline_ms", wrong)

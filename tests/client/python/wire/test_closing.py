@@ -6,6 +6,8 @@ import os
 import pkgutil
 import random
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 
@@ -219,3 +221,45 @@ def test_a_forked_child_asks_for_itself_what_its_parent_has_sent(client: b4mrl.C
 
     assert exit_status(has_the_answer) == 0
     assert has_the_answer()
+
+
+def test_a_connection_may_be_closed_while_another_thread_is_in_a_call() -> None:
+    """Else ZeroMQ ends the program: a thread would read a socket that is gone."""
+    with b4mrl.serve(workers=1) as endpoint:
+        for _ in range(5):
+            client = b4mrl.connect(endpoint)
+            begun, failures = threading.Event(), []
+
+            def ask(client: b4mrl.Client, begun: threading.Event, failures: list) -> None:
+                try:
+                    while True:
+                        client.server_status()
+                        begun.set()
+                except errors.FailedPreconditionError as error:
+                    failures.append(str(error))
+
+            asking = threading.Thread(target=ask, args=(client, begun, failures))
+            asking.start()
+            assert begun.wait(60)
+            client.close()
+            asking.join(60)
+            assert failures == ["the connection is closed; make a new one"]
+
+
+def test_a_program_may_end_while_a_daemon_thread_is_in_a_call() -> None:
+    program = """
+import threading, b4mrl, numpy
+vec = b4mrl.connect({endpoint!r}).make_vec("HalfCheetah", 64)
+vec.reset()
+vec.send(numpy.zeros((64, 6)))
+threading.Thread(target=vec.recv, daemon=True).start()
+"""
+    with b4mrl.serve(workers=1, arguments=["--no-door"]) as endpoint:
+        for _ in range(4):
+            done = subprocess.run(
+                [sys.executable, "-c", program.format(endpoint=endpoint)],
+                capture_output=True,
+                text=True,
+                timeout=60,
+            )
+            assert done.returncode == 0, done.stderr

@@ -192,7 +192,7 @@ def test_monitors_have_names_that_nobody_else_takes(endpoint: str) -> None:
             socket.close()
 
 
-@pytest.mark.parametrize("method", ["socket", "get_monitor_socket"])
+@pytest.mark.parametrize("method", ["socket", "monitor"])
 def test_no_more_sockets_is_an_error_of_ours(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
     def refuse(*_: object) -> None:
         raise zmq.ZMQError(errno.EMFILE)
