@@ -56,8 +56,8 @@ struct CellScore {
 using CellName = std::pair<std::string, std::string>;
 using CellScores = std::map<CellName, CellScore>;
 
-// The score after so many updates: itself, if it has no more, or an earlier one. Null if the runs
-// were not evaluated until then.
+// The score after so many updates, or at the last evaluation before that: itself, if it has no more
+// of them, or an earlier one. Null if the runs were not evaluated until then.
 const CellScore* ScoreAt(const CellScore& score, uint64_t updates);
 // What two scores of one algorithm differ by, where its training must not: that of the longer runs
 // as it was when they had as many updates as the others. Nothing if they were not evaluated until

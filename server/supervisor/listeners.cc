@@ -204,7 +204,11 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
       return InvalidNumber("port of --bind", base, "room for the workers' ports below 65536");
     }
     std::vector<uint32_t> hosts_done;
+    const bool is_everywhere = std::ranges::any_of(
+        plan.tcp, [](const Plan::Tcp& tcp) { return tcp.host.s_addr == INADDR_ANY; });
     for (const Plan::Tcp& tcp : plan.tcp) {
+      // A socket on all hosts leaves the port on none of them.
+      if (is_everywhere && tcp.host.s_addr != INADDR_ANY) continue;
       if (std::count(hosts_done.begin(), hosts_done.end(), tcp.host.s_addr) > 0) continue;
       hosts_done.push_back(tcp.host.s_addr);
       // Every host gets the port of the first host, because clients are told one number.

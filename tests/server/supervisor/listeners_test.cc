@@ -180,6 +180,18 @@ TEST_CASE("A daemon's own folder ends with it, and a data folder only where it i
         !(is_inside && options.own_folder));
 }
 
+TEST_CASE("An address of one host and one of all hosts go together") {
+  ServeOptions options;
+  options.binds = {"tcp://127.0.0.1:0", "tcp://0.0.0.0:0"};
+  options.insecure = true;
+  options.workers = 2;
+  options.no_door = true;
+  const Listeners listeners = Take(OpenListeners(options));
+  CHECK(listeners.gateway.size() == 2);
+  REQUIRE(listeners.worker_ports.size() == 2);
+  for (const ChildOptions::Port& port : listeners.worker_ports) CHECK(port.tcp != 0);
+}
+
 TEST_CASE("A relative address is refused where the working directory is gone") {
   const UniqueFd here(open(".", O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   {
