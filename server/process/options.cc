@@ -50,21 +50,21 @@ Status Refuse(const ConfigEntry& entry, std::string_view allowed) {
   return InvalidArgument(entry.key, shown.str(), allowed);
 }
 
-// These take a value where no flag has set the option, and check it either way.
+// These check a value of the file and take it.
 
 Status TakeCount(const ConfigEntry& entry, uint32_t least, uint32_t most, uint32_t* target) {
   const std::optional<int64_t> value = entry.value.value_exact<int64_t>();
   if (!value || *value < least || *value > most) {
     return Refuse(entry, fmt::format("a number in {}..{}", least, most));
   }
-  if (*target == 0) *target = static_cast<uint32_t>(*value);
+  *target = static_cast<uint32_t>(*value);
   return Status();
 }
 
 Status TakeText(const ConfigEntry& entry, std::string* target) {
   const std::optional<std::string> value = entry.value.value<std::string>();
   if (!value) return Refuse(entry, "a string");
-  if (target->empty()) *target = *value;
+  *target = *value;
   return Status();
 }
 
@@ -78,7 +78,7 @@ Status TakeFlag(const ConfigEntry& entry, bool* target) {
 Status TakeSpin(const ConfigEntry& entry, std::optional<uint32_t>* target) {
   uint32_t spin_us = 0;
   B4MRL_RETURN_IF_ERROR(TakeCount(entry, 0, limits::kMaxSpinUs, &spin_us));
-  if (!*target) *target = spin_us;
+  *target = spin_us;
   return Status();
 }
 
@@ -96,7 +96,7 @@ Status TakeBinds(const ConfigEntry& entry, std::vector<std::string>* target) {
   } else {
     for (const toml::node& node : *list) B4MRL_RETURN_IF_ERROR(add(node));
   }
-  if (target->empty()) *target = std::move(binds);
+  *target = std::move(binds);
   return Status();
 }
 
@@ -137,29 +137,33 @@ constexpr ConfigKey kConfigKeys[] = {
     {"spin", [](Entry entry, ServeOptions& to) { return TakeSpin(entry, &to.spin_us); }},
 };
 
-constexpr std::pair<const char*, bool ServeOptions::*> kSwitches[] = {
-    {"--pin", &ServeOptions::pin},
-    {"--insecure", &ServeOptions::insecure},
-    {"--single-port", &ServeOptions::single_port},
-    {"--no-door", &ServeOptions::no_door},
-};
+// Whether the command line sets the flag of that name; "" stands for one that was not given.
+bool IsGiven(const CLI::App& app, const std::string& name) {
+  const CLI::Option* const flag = app.get_option_no_throw("--" + name);
+  return flag != nullptr && std::ranges::any_of(flag->results(), [](const std::string& text) {
+           return !text.empty();
+         });
+}
 
 // Takes the options that no flag has set from the file. Checks every key, so that a misspelt key is
 // an error.
-Status ApplyConfigValue(const ConfigEntry& entry, ServeOptions* options) {
+Status ApplyConfigValue(const ConfigEntry& entry, const CLI::App& app, ServeOptions* options) {
   const auto* key = std::ranges::find(kConfigKeys, entry.key, &ConfigKey::name);
-  if (key != std::end(kConfigKeys)) return key->take(entry, *options);
+  ServeOptions checked_alone;
+  if (key != std::end(kConfigKeys)) {
+    return key->take(entry, IsGiven(app, entry.key) ? checked_alone : *options);
+  }
   return UnknownName("key", entry.key, std::views::transform(kConfigKeys, &ConfigKey::name));
 }
 
-Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
+Status ApplyConfigFile(const std::string& path, const CLI::App& app, ServeOptions* options) {
   struct stat info {};
   if (stat(path.c_str(), &info) == 0 && !S_ISREG(info.st_mode)) {  // a pipe would be waited for
     return InvalidArgument("--config", path, "a regular file");
   }
   B4MRL_ASSIGN_OR_RETURN(const toml::table table, ReadTomlFile(path));
   for (const auto& [key, node] : table) {
-    const Status status = ApplyConfigValue({std::string(key.str()), node}, options);
+    const Status status = ApplyConfigValue({std::string(key.str()), node}, app, options);
     if (!status.ok()) return status.WithContext(path);
   }
   return Status();
@@ -175,11 +179,7 @@ Status CheckFolder(const char* flag, const std::string& path) {
 Status Complete(const CLI::App& app, Flags* flags) {
   ServeOptions& serve = flags->serve;
   if (!flags->config_file.empty()) {
-    const ServeOptions given = serve;
-    B4MRL_RETURN_IF_ERROR(ApplyConfigFile(flags->config_file, &serve));
-    for (const auto& [name, option] : kSwitches) {  // perhaps as "--pin=false"
-      if (app.count(name) > 0) serve.*option = given.*option;
-    }
+    B4MRL_RETURN_IF_ERROR(ApplyConfigFile(flags->config_file, app, &serve));
   }
   if (serve.binds.empty()) serve.binds = {"tcp://127.0.0.1:7700"};
   if (serve.workers == 0) serve.workers = std::min(ProcessorCount(), 4u);

@@ -256,8 +256,8 @@ Status FillDoors(Listeners* listeners) {
 // and its data folder too if that is the one in it which PrivateDaemon makes
 // (client/private_daemon.h): any other holds data of the user's.
 void OwnFolderOf(const std::string& path, const std::string& data_folder, Listeners* listeners) {
-  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
-  if (!folder.filename().string().starts_with("b4mrl-")) return;
+  const std::string folder = FolderOfSocket(path);
+  if (!std::filesystem::path(folder).filename().string().starts_with("b4mrl-")) return;
   listeners->private_folder = folder;
   const std::string data = listeners->private_folder + "/data";
   listeners->private_data = data_folder == data ? data : "";

@@ -166,10 +166,7 @@ int Supervisor::Run(int signal_fd) {
     last_tick_ms = tick_ms;
     ReapChildren();
     int terminations = ReadSignals(signal_fd);
-    if (terminations > 0 && !draining_) {
-      BeginDrain(tick_ms);
-      terminations = 0;
-    }
+    if (terminations > 0 && !draining_) BeginDrain(tick_ms);
     if (tick_ms < drain_end_ms_ - limits::kDrainMs + kSameWishMs) terminations = 0;
     if (draining_ && (terminations > 0 || tick_ms > drain_end_ms_)) {
       spdlog::warn("ending without waiting for {}", terminations > 0 ? "the drain" : "stragglers");
