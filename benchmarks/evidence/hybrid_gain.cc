@@ -57,4 +57,10 @@ std::vector<HybridGain> HybridGains(const CellScores& scores,
   return gains;
 }
 
+std::map<CellName, HybridGain> ByCell(const std::vector<HybridGain>& gains) {
+  std::map<CellName, HybridGain> by_cell;
+  for (const HybridGain& gain : gains) by_cell[{gain.benchmark, gain.algorithm}] = gain;
+  return by_cell;
+}
+
 }  // namespace b4mrl

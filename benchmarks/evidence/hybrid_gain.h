@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -31,5 +32,8 @@ struct HybridGain {
 // algorithm with one source; in the order of the benchmarks, there of the field (OrderOf).
 std::vector<HybridGain> HybridGains(const CellScores& scores,
                                     const std::vector<Benchmark>& benchmarks);
+
+// The same, to be found by benchmark and hybrid.
+std::map<CellName, HybridGain> ByCell(const std::vector<HybridGain>& gains);
 
 }  // namespace b4mrl

@@ -55,6 +55,7 @@ uint64_t EqualUpdates(const Cell& cell) {
 }
 
 std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
+std::optional<double> ToleranceOf(const ScoredRun& run) { return run.fifths.tolerance; }
 
 }  // namespace
 
@@ -86,15 +87,15 @@ bool Cell::Learns() const {
 }
 
 bool Cell::IsSurelySettled() const {
-  if (!IsSettled() || !Learns()) return IsSettled();
+  if (!IsSettled()) return false;
+  if (!Learns()) return true;
   const auto squared_error = MeanOf([](const ScoredRun& run) -> std::optional<double> {
     if (!run.fifths.movement_error) return std::nullopt;
     return *run.fifths.movement_error * *run.fifths.movement_error;
   });
   if (!squared_error) return false;
   const double error = std::sqrt(*squared_error / static_cast<double>(runs.size()));
-  const auto tolerance = MeanOf([](const ScoredRun& run) { return run.fifths.tolerance; });
-  return std::abs(*MeanOf(MovementOf)) + error <= *tolerance;
+  return std::abs(*MeanOf(MovementOf)) + error <= *MeanOf(ToleranceOf);
 }
 
 Course Cell::CourseOfScore() const {
@@ -102,8 +103,7 @@ Course Cell::CourseOfScore() const {
   if (!Learns()) return Course::kSettled;
   const auto movement = MeanOf(MovementOf);
   if (!movement) return Course::kUntold;
-  const auto tolerance = MeanOf([](const ScoredRun& run) { return run.fifths.tolerance; });
-  if (std::abs(*movement) <= *tolerance) return Course::kSettled;
+  if (std::abs(*movement) <= *MeanOf(ToleranceOf)) return Course::kSettled;
   return *movement > 0 ? Course::kRising : Course::kFalling;
 }
 

@@ -70,12 +70,13 @@ void CollectEnded(std::list<Active>& active, Finish finish) {
   }
 }
 
-// Tells all of `active` to stop, and waits for them together, as each may take its grace.
-template <typename Active>
-void StopAll(std::list<Active>& active) {
+// Tells all of `active` to stop and waits for them together, as each may take its grace. `finish`
+// is that of CollectEnded.
+template <typename Active, typename Finish>
+void StopAll(std::list<Active>& active, Finish finish) {
   for (Active& each : active) each.job.Stop();
   while (!active.empty()) {
-    CollectEnded(active, [](const Active&, int) {});
+    CollectEnded(active, finish);
     if (!active.empty()) poll(nullptr, 0, kJobPollMs);
   }
 }

@@ -55,24 +55,22 @@ std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const st
   return lines;
 }
 
-// "HyMOPO, on the 19 benchmarks of both: above 0 in 4 of the paper's, in 2 of ours" for each hybrid
-// of which there is one with all algorithms to compare with.
+// "HyMOPO, where there are both: above 0 in 4 of the paper's 19 benchmarks, in 2 of ours" for each
+// hybrid of which there is one with all algorithms to compare with.
 std::vector<std::string> CountsOfBoth(const std::vector<HybridGain>& ours,
                                       const std::vector<HybridGain>& paper) {
+  const std::map<CellName, HybridGain> by_cell = ByCell(paper);
   struct Count {
     size_t all = 0, ours = 0, paper = 0;
   };
   std::map<std::string, Count> counts;
   for (const HybridGain& gain : ours) {
-    const auto is_same = [&](const HybridGain& each) {
-      return each.benchmark == gain.benchmark && each.algorithm == gain.algorithm;
-    };
-    const auto theirs = std::ranges::find_if(paper, is_same);
-    if (!gain.has_papers || theirs == paper.end()) continue;
+    const auto theirs = by_cell.find({gain.benchmark, gain.algorithm});
+    if (!gain.has_papers || theirs == by_cell.end()) continue;
     Count& count = counts[gain.algorithm];
     ++count.all;
     count.ours += gain.gain > 0 ? 1 : 0;
-    count.paper += theirs->gain > 0 ? 1 : 0;
+    count.paper += theirs->second.gain > 0 ? 1 : 0;
   }
   std::vector<std::string> lines;
   for (const auto& [algorithm, count] : counts) {
@@ -112,11 +110,10 @@ Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridG
       kSingleSourceAlgorithms, kUnsettledMark);
   table.columns = {{"Benchmark"},          {"Hybrid"},  {"Gain", true}, {"Best with one source"},
                    {"Paper's gain", true}, {"Its best"}};
-  std::map<CellName, const HybridGain*> theirs;
-  for (const HybridGain& gain : paper) theirs[{gain.benchmark, gain.algorithm}] = &gain;
+  const std::map<CellName, HybridGain> theirs = ByCell(paper);
   for (const HybridGain& gain : gains) {
     const auto found = theirs.find({gain.benchmark, gain.algorithm});
-    const HybridGain* printed = found == theirs.end() ? nullptr : found->second;
+    const HybridGain* printed = found == theirs.end() ? nullptr : &found->second;
     const std::string mark = gain.settled ? "" : fmt::format(" {}", kUnsettledMark);
     const std::string best = DisplayName(Series{gain.best, gain.best_recipe});
     table.rows.push_back({gain.benchmark, DisplayName(Series{gain.algorithm, gain.recipe}),

@@ -22,12 +22,6 @@ constexpr Seen kSeen[] = {{"full", "ours, nothing hidden"}, {"served", "ours, th
 
 using Gains = std::map<CellName, HybridGain>;
 
-Gains ByCell(const std::vector<HybridGain>& gains) {
-  Gains by_cell;
-  for (const HybridGain& gain : gains) by_cell[{gain.benchmark, gain.algorithm}] = gain;
-  return by_cell;
-}
-
 class ChallengeTable {
  public:
   // All references outlive the object.

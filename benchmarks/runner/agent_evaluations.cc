@@ -56,7 +56,7 @@ class Evaluations {
 
   bool Begin(const Agent& agent);  // false: another program evaluates it
   Result<bool> TryToBegin(const Agent& agent);
-  void Finish(Agent agent, int exit_code);
+  void Finish(const Agent& agent, int exit_code);
   Result<std::string> ResultOf(const std::string& path) const;
   void Fail(const Agent& agent, std::string_view reason);
   void Say(const std::string& line) const {
@@ -91,7 +91,7 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
                  [this](const Active& ended, int exit_code) { Finish(ended.agent, exit_code); });
     if (!(active_.empty() && waiting_.empty())) poll(nullptr, 0, kJobPollMs);
   }
-  StopAll(active_);
+  StopAll(active_, [](const Active&, int) {});
   summary_.interrupted = Interrupted();
   return summary_;
 }
@@ -137,7 +137,7 @@ Result<bool> Evaluations::TryToBegin(const Agent& agent) {
   return true;
 }
 
-void Evaluations::Finish(Agent agent, int exit_code) {
+void Evaluations::Finish(const Agent& agent, int exit_code) {
   // A training that goes on there replaces its agent, and which one was read nobody knows.
   const auto result = ResultOf(agent.path);
   if (!result.ok()) return Fail(agent, result.status().message());

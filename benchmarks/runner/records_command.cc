@@ -20,14 +20,17 @@ void AddSuites(CLI::App& app, std::string& suites) {
   app.add_option("--suites", suites, "folder of further suites");
 }
 
+void AddJobs(CLI::App& app, uint32_t& jobs) {
+  app.add_option("--jobs", jobs, "processes at a time [cores]")->transform(Count(1, 1024));
+}
+
 }  // namespace
 
 CLI::App* RecordsCommand::AddCheck(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "check", "say whether results are sound, and score again the agents that lie beside them");
   command->add_option("path", check.path, "a result, or a folder of results")->required();
-  command->add_option("--jobs", check.jobs, "processes at a time [cores]")
-      ->transform(Count(1, 1024));
+  AddJobs(*command, check.jobs);
   AddSuites(*command, suites);
   return command;
 }
@@ -44,8 +47,7 @@ CLI::App* RecordsCommand::AddEvaluate(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "evaluate", "evaluate all agents of a folder, each once, several at a time");
   command->add_option("folder", evaluation.folder, "folder with agents")->required();
-  command->add_option("--jobs", evaluation.jobs, "processes at a time [cores]")
-      ->transform(Count(1, 1024));
+  AddJobs(*command, evaluation.jobs);
   command->add_option("--episodes", evaluation.episodes, "episodes of each agent [100]")
       ->transform(Count(1, limits::kMaxLanesPerSession));
   command

@@ -167,7 +167,7 @@ void ResultChecks::ScoreAgents() {
     CollectEnded(active_, [this](const Active& ended, int code) { Finish(ended, code); });
     if (!active_.empty()) poll(nullptr, 0, kJobPollMs);
   }
-  StopAll(active_);
+  StopAll(active_, [](const Active&, int) {});
 }
 
 void ResultChecks::Begin(size_t number) {

@@ -64,11 +64,7 @@ Result<RunnerSummary> Runner::Work() {
     ShowProgress();
     poll(nullptr, 0, kJobPollMs);
   }
-  for (Active& active : active_) active.job.Stop();
-  while (!active_.empty()) {
-    Collect();
-    poll(nullptr, 0, kJobPollMs);
-  }
+  StopAll(active_, [this](Active& ended, int exit_code) { Finish(ended, exit_code); });
   line_.Show("");
   B4MRL_RETURN_IF_ERROR(lost_);
   summary_.interrupted = Interrupted();
