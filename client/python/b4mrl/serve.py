@@ -113,8 +113,8 @@ class PrivateDaemon(Shown):
                 break
             text += received
             for line in text.split(b"\n")[:-1]:
-                address = line.decode(errors="replace").removeprefix("ready ")
-                if address != line.decode(errors="replace") and address.startswith(wanted):
+                word, _, address = line.decode(errors="replace").partition(" ")
+                if word == "ready" and address.startswith(wanted):
                     return address
         raise UnavailableError(
             f"the server {binary!r} did not get ready; its messages are on stderr"

@@ -20,7 +20,6 @@ Thread rule: one thread at a time; a second one gets FailedPreconditionError.
 from __future__ import annotations
 
 import threading
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -269,12 +268,10 @@ class Operations:
             else:
                 self._take(delivery, operation.read)
             if kind == "step" and delivery.executed:
-                warnings.warn(
+                errors.warn(
                     f"the interrupted {operation.kind} (operation {operation.numbers[0]} of its "
                     "environment) was executed and its outcome is dropped; to get the outcome, "
-                    "repeat an interrupted call with the same arguments first",
-                    RuntimeWarning,
-                    stacklevel=7,
+                    "repeat an interrupted call with the same arguments first"
                 )
 
     def _take(self, delivery: Delivery, read: Read[T]) -> T:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -71,8 +70,6 @@ class Routes:
             if address
             else "the daemon's other processes have no port of their own"
         )
-        warnings.warn(
-            f"{reason}; requests go through {self._endpoint}, which makes each request slower",
-            RuntimeWarning,
-            stacklevel=2,
+        errors.warn(
+            f"{reason}; requests go through {self._endpoint}, which makes each request slower"
         )
