@@ -301,6 +301,8 @@ std::string RunSession::Text() const {
                      known(architecture), blas_kernel);
 }
 
+namespace {
+
 // Refuses a folder without checkpoints in which a training from the first update would replace what
 // somebody wants to keep.
 Status CheckNothingIsLost(const TrainOptions& options) {
@@ -328,6 +330,8 @@ Status CheckNothingIsLost(const TrainOptions& options) {
   }
   return Status();
 }
+
+}  // namespace
 
 Status CheckEarlierRun(const TrainOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(options.folder));
