@@ -15,8 +15,8 @@ install(FILES benchmarks/performance/python_rates.py DESTINATION lib/b4mrl/perfo
 foreach(document LICENSE NOTICE CITATION.cff README.md ARCHITECTURE.md CHANGELOG.md CODE_OF_CONDUCT.md
         CONTRIBUTING.md REPRODUCIBILITY.md SECURITY.md TUTORIAL.md proto/PROTOCOL.md proto/b4mrl.proto
         proto/base/limits.h data/README.md data/DATASHEET.md data/datasets.toml benchmarks/CLUSTER.md
-        benchmarks/RESULTS.md benchmarks/RULES.md benchmarks/budgets.toml benchmarks/leaderboard.csv
-        client/remote_benchmark.h client/python/README.md)
+        benchmarks/FINDINGS.md benchmarks/RESULTS.md benchmarks/RULES.md benchmarks/budgets.toml
+        benchmarks/leaderboard.csv client/remote_benchmark.h client/python/README.md)
   cmake_path(GET document PARENT_PATH folder)
   install(FILES ${document} DESTINATION share/doc/b4mrl/${folder})
 endforeach()
