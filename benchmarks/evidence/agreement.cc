@@ -307,23 +307,25 @@ std::vector<PairOrder> Comparer::PairOrders() const {
         orders, [&](const PairOrder& each) { return each.one == one && each.other == other; });
     return found == orders.end() ? *orders.insert(found, {one, other}) : *found;
   };
-  const auto is_turned = [this](const RunPair& pair) { return OrderIn(ours_.values, pair) < 0; };
+  const auto is_reversed = [this](const RunPair& pair) { return OrderIn(ours_.values, pair) < 0; };
   for (const Ranking& ranking : rankings_) {
     for (const RunPair& pair : PairsIn(ranking)) {
       PairOrder& order = order_of(pair);
       ++order.rankings;
-      order.turned += is_turned(pair) ? 1 : 0;
+      order.reversed += is_reversed(pair) ? 1 : 0;
     }
   }
   for (const RunPair& pair : pairs_) {
     PairOrder& order = order_of(pair);
+    const size_t reversed = is_reversed(pair) ? 1 : 0;
     ++order.runs;
-    order.turned_runs += is_turned(pair) ? 1 : 0;
-  }
-  for (const RunPair& pair : apart_) {
-    PairOrder& order = order_of(pair);
+    order.reversed_runs += reversed;
+    if (!paper_.AreApart(pair)) continue;
+    ++order.separated;
+    order.reversed_separated += reversed;
+    if (!ours_.AreApart(pair)) continue;
     ++order.apart;
-    order.turned_apart += is_turned(pair) ? 1 : 0;
+    order.reversed_apart += reversed;
   }
   std::ranges::stable_sort(orders, {}, [](const PairOrder& order) {
     return std::pair(OrderOf(order.one), OrderOf(order.other));

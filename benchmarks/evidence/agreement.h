@@ -32,12 +32,14 @@ struct Agreement {
 // Two algorithms whose order ours and the paper's rankings can be compared by.
 struct PairOrder {
   std::string one, other;
-  size_t rankings = 0;      // that hold both
-  size_t turned = 0;        // of them, those that order them otherwise than the paper
-  size_t runs = 0;          // different pairs of runs behind the rankings
-  size_t turned_runs = 0;   // of them, those that are turned over
-  size_t apart = 0;         // of `runs`, those whose means lie apart here and in the paper
-  size_t turned_apart = 0;  // of them, those that are turned over
+  size_t rankings = 0;            // that hold both
+  size_t reversed = 0;            // of them, those that order them otherwise than the paper
+  size_t runs = 0;                // different pairs of runs behind the rankings
+  size_t reversed_runs = 0;       // of them, those that are reversed
+  size_t separated = 0;           // of `runs`, those whose means lie apart in the paper
+  size_t reversed_separated = 0;  // of them, those that are reversed
+  size_t apart = 0;               // of `separated`, those whose means lie apart here, too
+  size_t reversed_apart = 0;      // of them, those that are reversed
 };
 
 struct PaperAgreement {

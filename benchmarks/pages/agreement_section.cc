@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -72,6 +73,15 @@ CellScores SettledIn(const CellScores& scores, const CellScores& others) {
     if (score.settled && other != nullptr && other->settled) settled[name] = score;
   }
   return settled;
+}
+
+// In the field's order.
+std::vector<std::string> AlgorithmsIn(const std::vector<PairOrder>& pairs) {
+  std::set<std::string> names;
+  for (const PairOrder& pair : pairs) names.insert({pair.one, pair.other});
+  std::vector<std::string> ordered(names.begin(), names.end());
+  std::ranges::stable_sort(ordered, {}, OrderOf);
+  return ordered;
 }
 
 Table RanksTable(const PaperAgreement& settled) {
@@ -154,7 +164,7 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
     add(fmt::format("the same, by the recipe {}", recipe),
         compare(SettledIn(scores, evidence.ours), {}));
   }
-  for (const char* algorithm : {"sac", "mopo"}) {
+  for (const std::string& algorithm : AlgorithmsIn(settled.pairs)) {
     add(fmt::format("{} by the paper", DisplayName(algorithm)),
         compare(WithThePapers(evidence, algorithm), {}));
   }
@@ -176,30 +186,34 @@ Table PairsTable(const std::vector<PairOrder>& pairs) {
   table.title = "Algorithms that ours order otherwise than the paper's.";
   table.caption =
       "Of the rankings behind Kendall's figure of the settled cells: those that hold both "
-      "algorithms, and those in which the two are turned over; the different pairs of runs behind "
-      "them, and those that are turned over; and of these pairs those whose means lie apart in the "
-      "paper and in ours. A run without a dataset, or without a simulator, stands in many "
-      "rankings, so one difference between two runs may turn over many.";
+      "algorithms; the different pairs of runs behind them; of these, those that the paper "
+      "separates, and of them, those that lie apart in ours, too; behind each, how many are "
+      "reversed. A run without a dataset, or without a simulator, stands in many rankings, so one "
+      "difference between two runs may reverse many.";
   table.columns = {{"Algorithm"},           {"Beside"},
-                   {"Rankings", true},      {"Rankings turned over", true},
-                   {"Pairs of runs", true}, {"Pairs turned over", true},
-                   {"Apart in both", true}, {"Apart and turned over", true}};
+                   {"Rankings", true},      {"Rankings reversed", true},
+                   {"Pairs of runs", true}, {"Pairs reversed", true},
+                   {"Separated", true},     {"Separated and reversed", true},
+                   {"Apart in both", true}, {"Apart and reversed", true}};
   PairOrder all = {"all", ""};
   for (const PairOrder& pair : pairs) {
     all.rankings += pair.rankings;
-    all.turned += pair.turned;
+    all.reversed += pair.reversed;
     all.runs += pair.runs;
-    all.turned_runs += pair.turned_runs;
+    all.reversed_runs += pair.reversed_runs;
+    all.separated += pair.separated;
+    all.reversed_separated += pair.reversed_separated;
     all.apart += pair.apart;
-    all.turned_apart += pair.turned_apart;
+    all.reversed_apart += pair.reversed_apart;
   }
   std::vector<PairOrder> rows = pairs;
-  std::ranges::stable_sort(rows, std::ranges::greater(), &PairOrder::turned);
+  std::ranges::stable_sort(rows, std::ranges::greater(), &PairOrder::reversed);
   if (!rows.empty()) rows.push_back(all);
   for (const PairOrder& pair : rows) {
     std::vector<std::string> row = {DisplayName(pair.one), DisplayName(pair.other)};
     for (const size_t count :
-         {pair.rankings, pair.turned, pair.runs, pair.turned_runs, pair.apart, pair.turned_apart}) {
+         {pair.rankings, pair.reversed, pair.runs, pair.reversed_runs, pair.separated,
+          pair.reversed_separated, pair.apart, pair.reversed_apart}) {
       row.push_back(fmt::format("{}", count));
     }
     table.rows.push_back(std::move(row));

@@ -61,13 +61,14 @@ bool ConfigReader::Bool(const std::string& key, bool fallback) {
   return value;
 }
 
-Interval ConfigReader::Range(const std::string& key, Interval fallback) {
+Interval ConfigReader::Range(const std::string& key, Interval fallback, RangeEnds ends) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const bool may_be_open = ends == RangeEnds::kMayBeOpen;
   Interval range = fallback;
   if (const Config* found = Find(key)) {
     const auto end = [&](size_t i, double open) {
       const Config& value = (*found)[i];
-      if (value.is_null()) return open;
+      if (value.is_null() && may_be_open) return open;
       return value.is_number() ? value.get<double>() : std::nan("");
     };
     const bool is_pair = found->is_array() && found->size() == 2;
@@ -75,7 +76,9 @@ Interval ConfigReader::Range(const std::string& key, Interval fallback) {
     if (given.low < given.high) {
       range = given;
     } else {
-      Fail(InvalidArgument(key, found->dump(), "[low, high] with low < high; null: no bound"));
+      Fail(InvalidArgument(key, found->dump(),
+                           may_be_open ? "[low, high] with low < high; null: no bound"
+                                       : "[low, high], two numbers with low < high"));
     }
   }
   const auto as_json = [](double x) { return std::isinf(x) ? Config() : Config(x); };

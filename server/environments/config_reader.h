@@ -19,6 +19,9 @@ struct Interval {
   bool Contains(double x) const { return low < x && x < high; }
 };
 
+// Whether an end of a range may be open.
+enum class RangeEnds { kMayBeOpen, kFinite };
+
 // Reads settings one by one and keeps the first error; Finish then refuses the keys that were not
 // read.
 //   ConfigReader reader(config);
@@ -34,7 +37,7 @@ class ConfigReader {
   uint64_t Integer(const std::string& key, uint64_t fallback, uint64_t low, uint64_t high);
   bool Bool(const std::string& key, bool fallback);
   // Two numbers [low, high]; null is an open end, because JSON has no infinity.
-  Interval Range(const std::string& key, Interval fallback);
+  Interval Range(const std::string& key, Interval fallback, RangeEnds ends = RangeEnds::kMayBeOpen);
   // The text of `key`, one of `allowed`; allowed[0] where `key` is absent.
   std::string Choice(const std::string& key, const std::vector<std::string>& allowed);
 

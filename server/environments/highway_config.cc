@@ -23,7 +23,7 @@ Status Unsupported(const std::string& key, const Config& value, std::string_view
 }
 
 NumberRange ReadRange(ConfigReader& reader, const std::string& key, const NumberRange& fallback) {
-  const Interval range = reader.Range(key, {fallback.low, fallback.high});
+  const Interval range = reader.Range(key, {fallback.low, fallback.high}, RangeEnds::kFinite);
   if (!(std::abs(range.low) <= kLargest && std::abs(range.high) <= kLargest)) {
     reader.Fail(InvalidArgument(key, reader.Find(key)->dump(), "two numbers in -1e6..1e6"));
     return fallback;

@@ -73,11 +73,12 @@ std::string ArgumentOf(const Preset& preset) {
 }
 
 // The parametric forms that the environment takes: "gravity=<factor>, friction=<factor>, ...".
-std::string ParametricForms(std::string_view environment) {
+std::string ParametricForms(std::string_view environment, PerturbationUse use) {
   const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
   std::string forms;
   for (const PerturbationEntry& entry : PerturbationList()) {
     if (spec.ok() && !Applies(entry, *spec)) continue;
+    if (use == PerturbationUse::kDataset && !entry.corrupts_datasets) continue;
     forms += fmt::format("{}{}=<{}>", forms.empty() ? "" : ", ", entry.name, entry.parameter);
   }
   return forms;
@@ -113,7 +114,7 @@ Status RefusePreset(std::string_view name, std::string_view environment) {
   const std::string reason =
       lacks ? fmt::format("it does not have {}", form->needs) : "the paper gives none";
   const std::string instead =
-      lacks ? fmt::format("it takes {}", ParametricForms(environment))
+      lacks ? fmt::format("it takes {}", ParametricForms(environment, PerturbationUse::kSimulator))
             : fmt::format("give a value: {}=<{}>", form->name, form->parameter);
   return Status(StatusCode::kUnsupported,
                 fmt::format("{} has no preset '{}' ({}); {}", environment, name, reason, instead));
@@ -197,13 +198,14 @@ Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
     if (use == PerturbationUse::kDataset && !entry.corrupts_datasets) {
       return Status(
           StatusCode::kUnsupported,
-          fmt::format("'{}' changes a simulator and cannot corrupt a dataset", written.ToString()));
+          fmt::format("'{}' changes a simulator and cannot corrupt a dataset, which takes {}",
+                      written.ToString(), ParametricForms(spec.name, use)));
     }
     if (!Applies(entry, spec)) {
       return Status(
           StatusCode::kUnsupported,
           fmt::format("'{}' cannot be applied to {}, which does not have {}; it takes {}",
-                      written.ToString(), spec.name, entry.needs, ParametricForms(spec.name)));
+                      written.ToString(), spec.name, entry.needs, ParametricForms(spec.name, use)));
     }
     const PerturbationInput input = {&entry, &spec, item.argument, occurrences[item.name]++};
     B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Perturbation> member, entry.make(input));

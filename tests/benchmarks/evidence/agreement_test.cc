@@ -128,7 +128,7 @@ TEST_CASE("Benchmarks that rank the same runs count as one ranking") {
   CHECK(ranked().count == 2);
 }
 
-TEST_CASE("Pairs of algorithms are counted by the rankings that turn them over") {
+TEST_CASE("Pairs of algorithms are counted by the rankings that reverse them") {
   const CellScores paper = PaperScores(OwnBenchmarks());
   CellScores ours;
   // SAC's and TD3's runs in one simulator stand in two rankings.
@@ -144,13 +144,15 @@ TEST_CASE("Pairs of algorithms are counted by the rankings that turn them over")
   CHECK(pairs[0].one == "td3");
   CHECK(pairs[0].other == "sac");
   CHECK(pairs[0].rankings == 2);
-  CHECK(pairs[0].turned == 2);
+  CHECK(pairs[0].reversed == 2);
   CHECK(pairs[0].runs == 1);
-  CHECK(pairs[0].turned_runs == 1);
+  CHECK(pairs[0].reversed_runs == 1);
+  CHECK(pairs[0].separated == 0);
   CHECK(pairs[1].other == "iql");
-  CHECK(pairs[1].turned == 0);
+  CHECK(pairs[1].reversed == 0);
   CHECK(pairs[1].runs == 2);
-  CHECK(pairs[1].turned_runs == 0);
+  CHECK(pairs[1].reversed_runs == 0);
+  CHECK(pairs[1].separated == 2);
 }
 
 TEST_CASE("Pairs that the paper does not separate do not count where only separated ones do") {
@@ -195,13 +197,15 @@ TEST_CASE("A pair of runs counts once, and apart only where both tables are sure
   agreement = AgreementWith(paper, ours, OwnBenchmarks(), {});
   CHECK(agreement.apart.count > apart);
   CHECK(agreement.apart.ours.value() < 1);
-  size_t pairs = 0, turned = 0;
+  size_t pairs = 0, reversed = 0;
   for (const PairOrder& each : agreement.pairs) {
     pairs += each.apart;
-    turned += each.turned_apart;
+    reversed += each.reversed_apart;
+    CHECK(each.separated >= each.apart);
+    CHECK(each.reversed_separated >= each.reversed_apart);
   }
   CHECK(pairs == agreement.apart.count);
-  CHECK(turned == 1);
+  CHECK(reversed == 1);
 }
 
 TEST_CASE("Nothing to compare is no agreement") {

@@ -285,7 +285,8 @@ TEST_CASE("Settings that mean something else here are refused with their name") 
   CHECK_THAT(Why(R"({"action": {"type": "DiscreteMetaAction"}})"), Contains("action: type"));
   CHECK_THAT(Why(R"({"action": {"lateral": false, "longitudinal": false}})"), Contains("both"));
   CHECK_THAT(Why(R"({"action": {"steering_range": [1, 0]}})"), Contains("steering_range"));
-  CHECK_THAT(Why(R"({"action": {"speed_range": [null, 3]}})"), Contains("speed_range"));
+  CHECK_THAT(Why(R"({"action": {"speed_range": [null, 3]}})"),
+             Contains("speed_range") && Contains("two numbers with low < high"));
   CHECK_THAT(Why(R"({"action": {"dynamical": true}})"), Contains("tyre"));
   CHECK_THAT(Why(R"({"action": 3})"), Contains("a dictionary"));
   CHECK_THAT(Why(R"({"observation": {"type": "OccupancyGrid"}})"), Contains("Kinematics"));
