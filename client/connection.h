@@ -89,7 +89,7 @@ class Connection {
   // door at most limits::kDirectConnectMs; without it, the connection uses `address`.
   static Result<Connection> OpenDoor(const Context& context, const std::string& address,
                                      const std::string& door, std::string token,
-                                     const std::atomic<bool>* cancelled = nullptr);
+                                     const std::atomic<bool>* cancelled);
 
   // Queues a request and returns its id. The caller has set the payload and the array table of
   // `request`; Send adds version, token, id and deadline. kLimitExceeded while

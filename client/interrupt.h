@@ -3,8 +3,8 @@
 // files, and says so.
 //
 // The first SIGINT or SIGTERM sets the flag; a second SIGINT ends the process at once, a second
-// SIGTERM does nothing more. A signal that was
-// ignored when the process began (nohup, a script's job in the background) stays ignored.
+// SIGTERM does nothing more. A signal that was ignored when the process began (nohup, a script's
+// job in the background) stays ignored.
 #pragma once
 
 #include <atomic>

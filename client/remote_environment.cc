@@ -127,12 +127,12 @@ Result<StepOutcome> RemoteEnvironment::Step(std::span<const double> actions,
   return ReceiveNumbered(id, /*is_step=*/true);
 }
 
-Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
+Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* answered_id) {
   std::vector<uint64_t> ids(under_way_.size());
   std::transform(under_way_.begin(), under_way_.end(), ids.begin(),
                  [](const UnderWay& entry) { return entry.id; });
   Delivery delivery = connection_->ReceiveAny(ids);
-  if (failed_id != nullptr) *failed_id = delivery.id;
+  if (answered_id != nullptr) *answered_id = delivery.id;
   return Finish(std::move(delivery), /*is_step=*/true);
 }
 

@@ -139,10 +139,10 @@ class RemoteEnvironment {
   Result<StepOutcome> Step(std::span<const double> actions, std::span<const uint32_t> lanes = {});
 
   // The two halves of Step. Receive returns the outcome, or the error, of the sent request that is
-  // answered first, and writes that request's id to *failed_id in either case.
+  // answered first, and writes that request's id to *answered_id in either case.
   Result<uint64_t> Send(std::span<const float> actions, std::span<const uint32_t> lanes = {});
   Result<uint64_t> Send(std::span<const double> actions, std::span<const uint32_t> lanes = {});
-  Result<StepOutcome> Receive(uint64_t* failed_id = nullptr);
+  Result<StepOutcome> Receive(uint64_t* answered_id = nullptr);
   // The number of requests that were sent and not received.
   size_t in_flight() const { return under_way_.size(); }
 

@@ -1,4 +1,4 @@
-# Debian 12 packages only; nothing is downloaded. The names are those of `quickstart`.
+# Debian 12 packages only; nothing is downloaded. cmake/packages.txt names them.
 # Global, so that a project that adds this one as a folder sees what our libraries link.
 set(CMAKE_FIND_PACKAGE_TARGETS_GLOBAL ON)
 find_package(Threads REQUIRED)

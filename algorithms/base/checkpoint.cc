@@ -188,10 +188,11 @@ Result<std::vector<uint64_t>> ListCheckpoints(const std::string& folder) {
   return updates;
 }
 
-void RemoveOldCheckpoints(const std::string& folder, size_t keep) {
+void RemoveOldCheckpoints(const std::string& folder) {
+  constexpr size_t kKept = 2;
   const auto updates = ListCheckpoints(folder);
   if (!updates.ok()) return;
-  for (size_t i = keep; i < updates->size(); ++i) {
+  for (size_t i = kKept; i < updates->size(); ++i) {
     std::error_code ignored;
     std::filesystem::remove(CheckpointPath(folder, (*updates)[i]), ignored);
   }

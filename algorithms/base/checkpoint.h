@@ -101,9 +101,9 @@ std::string CheckpointPath(const std::string& folder, uint64_t update);
 // Update numbers of the checkpoints in `folder`, newest first; none if there is no such folder.
 // kIoError if it cannot be read: it may hold a run.
 Result<std::vector<uint64_t>> ListCheckpoints(const std::string& folder);
-// Removes all checkpoints in `folder` but the newest `keep`, as far as it can: those that stay cost
+// Removes all checkpoints in `folder` but the newest two, as far as it can: those that stay cost
 // disk space only.
-void RemoveOldCheckpoints(const std::string& folder, size_t keep = 2);
+void RemoveOldCheckpoints(const std::string& folder);
 // Renames checkpoints of later updates to "<folder>/unreadable-checkpoint-<update>.h5", which no
 // function here lists. What cannot be renamed stays.
 void SetAsideCheckpointsAfter(uint64_t update, const std::string& folder);

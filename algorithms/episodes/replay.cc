@@ -74,7 +74,7 @@ class Replayer {
 
 Result<uint64_t> Replayer::Run(Progress& progress) {
   progress.Start("step the log's actions", "rows", log_.rows);
-  const std::array<uint64_t, 1> seeds = {ReplaySeed(log_.seed)};
+  const std::array<uint64_t, 1> seeds = {TrainLaneSeed(log_.seed, 0)};
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session_.Reset({}, seeds));
   Extend(observation_, RowOf(first.observations, 0));
   for (uint64_t row = 0; row < log_.rows; ++row) {
@@ -146,8 +146,6 @@ Status Replayer::Flush() {
 }
 
 }  // namespace
-
-uint64_t ReplaySeed(uint64_t run_seed) { return TrainLaneSeed(run_seed, 0); }
 
 Result<uint64_t> ReplayActions(const ActionLog& log, uint64_t rows, Client& client,
                                Recorder& recorder, Progress& progress) {

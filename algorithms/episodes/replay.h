@@ -17,9 +17,6 @@
 
 namespace b4mrl {
 
-// Seed of the environment in which the first episode of a run with `run_seed` starts.
-uint64_t ReplaySeed(uint64_t run_seed);
-
 // Appends `rows` rows in their order, from the start of the newest episode after which the log has
 // so many: like other recordings, they end within an episode. Returns that episode's number,
 // counted from 0 at the beginning of the run. kInvalidArgument when the log has fewer rows than

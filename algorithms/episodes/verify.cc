@@ -170,7 +170,7 @@ Result<StepOutcome> PartVerifier::ResetLanes(std::span<const uint32_t> lanes) {
   }
   // A run's one lane goes on from episode to episode; the file begins with one of them.
   if (!std::exchange(replay_started_, true)) {
-    seeds = {ReplaySeed(part_.seed)};
+    seeds = {TrainLaneSeed(part_.seed, 0)};
     B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, session_.Reset(lanes, seeds));
     for (uint64_t episode = 0; episode < *file_.replay_first_episode(); ++episode) {
       B4MRL_ASSIGN_OR_RETURN(outcome, session_.Reset(lanes));

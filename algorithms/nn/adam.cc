@@ -7,13 +7,17 @@
 namespace b4mrl {
 namespace {
 
+constexpr double kBeta1 = 0.9;
+constexpr double kBeta2 = 0.999;
+constexpr double kEpsilon = 1e-8;
+
 template <typename Scalar>
-AdamStep<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
-  const double correction1 = 1 - std::pow(options.beta1, static_cast<double>(step));
-  const double correction2 = 1 - std::pow(options.beta2, static_cast<double>(step));
-  return {static_cast<Scalar>(options.beta1), static_cast<Scalar>(options.beta2),
-          static_cast<Scalar>(options.learning_rate / correction1),
-          static_cast<Scalar>(1 / std::sqrt(correction2)), static_cast<Scalar>(options.epsilon)};
+AdamStep<Scalar> MakeConstants(double learning_rate, int64_t step) {
+  const double correction1 = 1 - std::pow(kBeta1, static_cast<double>(step));
+  const double correction2 = 1 - std::pow(kBeta2, static_cast<double>(step));
+  return {static_cast<Scalar>(kBeta1), static_cast<Scalar>(kBeta2),
+          static_cast<Scalar>(learning_rate / correction1),
+          static_cast<Scalar>(1 / std::sqrt(correction2)), static_cast<Scalar>(kEpsilon)};
 }
 
 // Updates both moments of one parameter and returns the parameter's new value.
@@ -36,8 +40,8 @@ void StepRange(const AdamStep<Scalar>& constants, Scalar decay, int64_t size, Sc
 }  // namespace
 
 template <typename Scalar>
-Adam<Scalar>::Adam(const AdamOptions& options, int64_t size, const std::vector<DecayRange>& decay)
-    : options_(options), first_moment_(size), second_moment_(size) {
+Adam<Scalar>::Adam(double learning_rate, int64_t size, const std::vector<DecayRange>& decay)
+    : learning_rate_(learning_rate), first_moment_(size), second_moment_(size) {
   int64_t end = 0;
   for (const DecayRange& range : decay) {
     if (range.first > end) ranges_.push_back({end, range.first - end, 0});
@@ -55,7 +59,7 @@ void Adam<Scalar>::Step(std::span<Scalar> parameters, std::span<const Scalar> gr
 
 template <typename Scalar>
 void Adam<Scalar>::BeginStep() {
-  step_ = MakeConstants<Scalar>(options_, ++steps_);
+  step_ = MakeConstants<Scalar>(learning_rate_, ++steps_);
 }
 
 template <typename Scalar>
@@ -73,7 +77,7 @@ void Adam<Scalar>::StepPart(std::span<Scalar> parameters, std::span<const Scalar
 template <typename Scalar>
 void Adam<Scalar>::StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient,
                                   double tau, std::span<Scalar> target) {
-  const AdamStep<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
+  const AdamStep<Scalar> constants = MakeConstants<Scalar>(learning_rate_, ++steps_);
   const Scalar rate = static_cast<Scalar>(tau);
   for (const DecayRange& range : ranges_) {
     const Scalar decay = static_cast<Scalar>(range.coefficient);

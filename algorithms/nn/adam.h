@@ -5,6 +5,7 @@
 //   p -= lr / (1 - b1^t) * m / (sqrt(v) / sqrt(1 - b2^t) + eps)
 //   target = (1 - tau) target + tau p
 //
+// with b1 = 0.9, b2 = 0.999 and eps = 1e-8, as the paper proposes and PyTorch has them.
 // Ranges of the buffer may have an L2 penalty: there, g is the gradient plus coefficient * p, added
 // in the same pass (part of the loss, not decoupled weight decay). Thread rule: one thread, except
 // for StepPart.
@@ -19,13 +20,6 @@
 #include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
-
-struct AdamOptions {
-  double learning_rate = 3e-4;
-  double beta1 = 0.9;
-  double beta2 = 0.999;
-  double epsilon = 1e-8;
-};
 
 // g += coefficient * p for p in [first, first + size): the gradient of coefficient / 2 * sum p^2.
 struct DecayRange {
@@ -45,7 +39,7 @@ class Adam {
  public:
   Adam() = default;
   // `decay`: ascending ranges that do not overlap.
-  Adam(const AdamOptions& options, int64_t size, const std::vector<DecayRange>& decay = {});
+  Adam(double learning_rate, int64_t size, const std::vector<DecayRange>& decay = {});
 
   // One Adam step; the spans have the size given at construction.
   void Step(std::span<Scalar> parameters, std::span<const Scalar> gradient);
@@ -60,7 +54,7 @@ class Adam {
   void StepPart(std::span<Scalar> parameters, std::span<const Scalar> gradient, int64_t first,
                 int64_t size);
 
-  void set_learning_rate(double learning_rate) { options_.learning_rate = learning_rate; }
+  void set_learning_rate(double learning_rate) { learning_rate_ = learning_rate; }
   int64_t steps() const { return steps_; }
 
   // Visit shows the arrays "<prefix>/first_moment" and "<prefix>/second_moment", VisitCounters the
@@ -69,7 +63,7 @@ class Adam {
   void VisitCounters(std::string_view prefix, const CounterVisitor& visitor);
 
  private:
-  AdamOptions options_;
+  double learning_rate_ = 0;
   std::vector<DecayRange> ranges_;  // cover the whole buffer, with coefficient 0 in the gaps
   int64_t steps_ = 0;
   AdamStep<Scalar> step_{};  // written by BeginStep

@@ -27,7 +27,7 @@ namespace b4mrl {
 template <typename Scalar>
 struct TrainedVector {
   TrainedVector(int64_t size, double learning_rate, const std::vector<DecayRange>& decay = {})
-      : values(size), gradient(size), adam({.learning_rate = learning_rate}, size, decay) {}
+      : values(size), gradient(size), adam(learning_rate, size, decay) {}
 
   // One step of Adam along `gradient`.
   void Step() { adam.Step(values, gradient); }

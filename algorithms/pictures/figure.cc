@@ -1,5 +1,7 @@
 #include "algorithms/pictures/figure.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <span>
 
@@ -49,10 +51,7 @@ std::string RenderSvg(const Figure& figure) {
     }
     y += layout.height + kMargin;
   }
-  std::string description;
-  for (const std::string& sentence : figure.sentences) {
-    description += (description.empty() ? "" : " ") + sentence;
-  }
+  const std::string description = fmt::format("{}", fmt::join(figure.sentences, " "));
   return svg.Finish(grid_width + 2 * kMargin, y, figure.title, description);
 }
 

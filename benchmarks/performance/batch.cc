@@ -4,11 +4,9 @@
 //
 // The dataset is synthetic and has a million rows, as the paper's. Its content does not change the
 // times, but its size in memory does.
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -81,21 +79,6 @@ Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
   B4MRL_RETURN_IF_ERROR(writer.Append(rows));
   return writer.Commit();
 }
-
-// Removes a folder when it goes.
-class FolderRemover {
- public:
-  explicit FolderRemover(std::string path) : path_(std::move(path)) {}
-  ~FolderRemover() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  FolderRemover(const FolderRemover&) = delete;
-  FolderRemover& operator=(const FolderRemover&) = delete;
-
- private:
-  const std::string path_;
-};
 
 // Gathers batch after batch into one buffer, as the daemon does into a reply.
 class LocalGather {

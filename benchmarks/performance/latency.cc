@@ -44,11 +44,6 @@ std::string BareAddress(Transport transport) {
   return "ipc://@b4mrl-perf-" + std::to_string(getpid());  // an abstract name leaves no file
 }
 
-Result<double> MedianStep(SingleLane& lane) {
-  B4MRL_ASSIGN_OR_RETURN(std::vector<double> times, lane.StepTimes(kStepsPerTurn));
-  return Median(std::move(times));
-}
-
 // Median time of a bare round trip followed by a bare step. Both are timed as one interval, because
 // a step after a wait is slower than a step after a step: other work has been through the caches.
 Result<double> MedianBareStep(PingPong& bare, const std::function<void()>& step) {
@@ -74,7 +69,7 @@ Status MeasureTransport(const Options& options, Transport transport, Reporter& r
   const std::function<void()> bare_step = physics->Stepper(bare_actions);
   B4MRL_ASSIGN_OR_RETURN(const Medians medians,
                          MeasureInTurns(
-                             2 * options.turns, [&] { return MedianStep(lane); },
+                             2 * options.turns, [&] { return lane.MedianStepTime(kStepsPerTurn); },
                              [&] { return MedianBareStep(*bare, bare_step); }));
   const bool tcp = transport == Transport::kTcp;
   reporter.Report({tcp ? "latency-tcp" : "latency-ipc", medians.value, "us", medians.limit,

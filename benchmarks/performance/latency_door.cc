@@ -51,11 +51,6 @@ Result<double> CostBesidePhysics(SingleLane& lane, std::chrono::microseconds thi
   return Median(std::move(windows));
 }
 
-Result<double> MedianStep(SingleLane& lane) {
-  B4MRL_ASSIGN_OR_RETURN(std::vector<double> times, lane.StepTimes(kStepsPerTurn));
-  return Median(std::move(times));
-}
-
 double MedianBareStep(const std::function<void()>& step) {
   std::vector<double> times;
   for (int i = 0; i < kStepsPerTurn; ++i) {
@@ -78,7 +73,7 @@ Status MeasureLatencyOfDoor(const Options& options, Reporter& reporter) {
   const std::function<void()> bare_step = physics->Stepper(bare_actions);
   B4MRL_ASSIGN_OR_RETURN(const Medians step,
                          MeasureInTurns(
-                             2 * options.turns, [&] { return MedianStep(door); },
+                             2 * options.turns, [&] { return door.MedianStepTime(kStepsPerTurn); },
                              [&]() -> Result<double> { return MedianBareStep(bare_step); }));
   reporter.Report({"latency-door", step.value, "us", step.limit, "a bare step, p50", 0, true});
   for (const std::chrono::microseconds think : kThinkTimes) {

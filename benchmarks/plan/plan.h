@@ -58,7 +58,7 @@ struct PlannedRun {
   std::string hidden;  // "hidden=9": what its training did not see, as perturbations
 
   std::string id;                       // 16 hexadecimal digits
-  std::string cell_id;                  // likewise
+  std::string cell_id;                  // 16 hexadecimal digits
   std::string name;                     // "HalfCheetah-hymopo-gravity-medium-expert+hidden-high-s0"
   std::vector<std::string> benchmarks;  // of the plan, whose cells it fills
   std::vector<std::string> all_benchmarks;  // whose cells it fills, those of no plan as well
@@ -104,7 +104,8 @@ Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
 
 // Sets the ids, the names and the scorings of a run whose other fields are given, hyperparameters
 // included: of a result that is read again. `rows`: of its dataset. An algorithm that the sources
-// do not have is a learner of the user's own, of the run's only benchmark. Errors: as above.
+// do not have is a learner of the user's own, of the run's only benchmark. Errors: those of
+// MakePlan.
 Status IdentifyRun(PlannedRun* run, std::optional<uint64_t> rows, const PlanSources& sources);
 
 // Whether a benchmark's name fits a pattern, in which '*' stands for any text and '?' for any

@@ -23,9 +23,9 @@ struct LearnersUse {
 };
 
 // Keeps what a learner that ended with code 0 has left, and what it used, with what KeepAttempt has
-// kept. Returns why its curve was left out, which is only to be looked
-// at and not worth the training; "" where it was not. kFailedPrecondition if the learner has left
-// nothing, kDataLoss if that cannot be understood or is an agent of another environment.
+// kept. Returns why its curve was left out, which is only to be looked at and not worth the
+// training; "" where it was not. kFailedPrecondition if the learner has left nothing, kDataLoss if
+// that cannot be understood or is an agent of another environment.
 Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder,
                                 const LearnersUse& use, const EnvironmentSpec& environment);
 // Adds up what starts of the learner's command have used that brought no result, because they were

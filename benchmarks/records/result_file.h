@@ -57,7 +57,7 @@ struct RunResult {
   uint64_t planned_updates = 0;    // that it was told to do
   bool settled = false;            // its score is known to move no longer
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
-  double mean_return = 0;          // likewise
+  double mean_return = 0;          // of its last evaluation
   double seconds = 0;              // of training, evaluations included; a kept ensemble is free
   std::string agent_sha256;        // of the agent's file; "": there was none
   std::string learner_sha256;      // of the command of a user's learner; "": it is not known

@@ -61,22 +61,6 @@ Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path,
   return agents;
 }
 
-// A folder that is removed at the end.
-class ScratchFolder {
- public:
-  explicit ScratchFolder(std::string path) : path_(std::move(path)) {}
-  ~ScratchFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  std::string File(size_t number) const { return fmt::format("{}/{}.json", path_, number); }
-
- private:
-  std::string path_;
-};
-
 // Checks the results of a folder: first their files, then the agents that lie beside them. Of each
 // result only its marks stay in memory, as others decide how much a file holds.
 class ResultChecks {
@@ -101,6 +85,9 @@ class ResultChecks {
   Status TryToBegin(size_t number);
   void Finish(const Active& ended, int exit_code);
   Status TryToFinish(size_t number);
+  std::string ScratchFile(size_t number) const {
+    return fmt::format("{}/{}.json", scratch_.path(), number);
+  }
   const std::string& AgentOf(size_t number) const {
     return agents_.at(TextOf(marks_[number], "agent_sha256"));
   }
@@ -110,7 +97,7 @@ class ResultChecks {
 
   const ResultCheckOptions& options_;
   const CheckSources& sources_;
-  const ScratchFolder scratch_;
+  const FolderRemover scratch_;
   std::vector<CheckedResult> checked_;
   std::vector<nlohmann::ordered_json> marks_;
   std::map<std::string, std::string> agents_;
@@ -191,7 +178,7 @@ Status ResultChecks::TryToBegin(size_t number) {
                                  .simulator = *perturbations,
                                  .episodes = static_cast<uint32_t>(episodes),
                                  .daemon_words = {"--endpoint", options_.endpoint}};
-  B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, scratch_.File(number), UniqueFd()));
+  B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, ScratchFile(number), UniqueFd()));
   active_.push_back({number, std::move(job), Deadline::AfterMs(options_.scoring_deadline_ms)});
   return Status();
 }
@@ -212,7 +199,7 @@ void ResultChecks::Finish(const Active& ended, int exit_code) {
 }
 
 Status ResultChecks::TryToFinish(size_t number) {
-  const std::string file = scratch_.File(number);
+  const std::string file = ScratchFile(number);
   B4MRL_RETURN_IF_ERROR(KeepEvaluation(file));
   B4MRL_ASSIGN_OR_RETURN(const auto evaluation, ReadJsonObject(file));
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadJsonObject(checked_[number].path));

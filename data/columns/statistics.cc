@@ -14,9 +14,7 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 std::string FormatNumbers(std::span<const double> values) {
-  std::string text;
-  for (const double value : values) text += fmt::format("{}{}", text.empty() ? "" : " ", value);
-  return text;
+  return fmt::format("{}", fmt::join(values, " "));
 }
 
 // Reads numbers that FormatNumbers wrote: shortest round-trip decimals, "nan" and "inf", separated

@@ -38,10 +38,9 @@ Result<std::string> Sha256OfFile(
     const std::string& path, uint64_t max_bytes = UINT64_MAX,
     const std::function<Status()>& go_on = [] { return Status(); });
 // The SHA-256 of an open file, read from start to end without moving the descriptor's position;
-// `path` is for messages, `go_on` as above.
-Result<std::string> Sha256OfDescriptor(
-    int fd, const std::string& path,
-    const std::function<Status()>& go_on = [] { return Status(); });
+// `path` is for messages. Calls `go_on` as Sha256OfFile does.
+Result<std::string> Sha256OfDescriptor(int fd, const std::string& path,
+                                       const std::function<Status()>& go_on);
 std::string Sha256OfText(std::string_view text);
 
 // Whether `text` is 32 lower-case hexadecimal digits, as the names of column caches and compiled

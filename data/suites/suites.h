@@ -69,7 +69,7 @@ Result<std::vector<Benchmark>> ParseSuite(const std::string& text, const std::st
 
 // The benchmarks of all files "*.toml" of these folders, in the order of folders and of file names,
 // with the scores of their files "*.csv" (columns: benchmark,algorithm,mean,std). A folder that is
-// "" is passed over. Errors: as above, and kIoError.
+// "" is passed over. Errors: those of ParseSuite, and kIoError.
 Result<std::vector<Benchmark>> ReadSuites(const std::vector<std::string>& folders);
 
 // The folder of the project's own suites: where they were installed, or the checkout's; "" if there

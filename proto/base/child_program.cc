@@ -17,7 +17,9 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <string_view>
+#include <system_error>
 
 extern char** environ;
 
@@ -176,6 +178,11 @@ Result<std::string> MakeTemporaryFolder(std::string_view name) {
   std::string path = fmt::format("{}/{}-XXXXXX", base, name);
   if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
   return path;
+}
+
+FolderRemover::~FolderRemover() {
+  std::error_code ignored;
+  std::filesystem::remove_all(path_, ignored);
 }
 
 }  // namespace b4mrl

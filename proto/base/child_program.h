@@ -1,5 +1,5 @@
-// Starts programs, exchanges bytes with them and waits for their end; makes private folders for the
-// sockets of two programs. Any thread.
+// Starts programs, exchanges bytes with them and waits for their end; makes private folders, for
+// the sockets of two programs and what is needed for a while. Any thread.
 #pragma once
 
 #include <sys/types.h>
@@ -9,6 +9,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "proto/base/clock.h"
@@ -70,5 +71,18 @@ int WaitForExit(pid_t child, const Deadline& deadline);
 // Makes a new folder "<name>-XXXXXX" in $TMPDIR, or in /tmp where that is not set or too long for
 // the addresses of sockets below it, which have 107 bytes at most. Only this user may enter it.
 Result<std::string> MakeTemporaryFolder(std::string_view name);
+
+// Removes a folder and all in it when it goes.
+class FolderRemover {
+ public:
+  explicit FolderRemover(std::string path) : path_(std::move(path)) {}
+  ~FolderRemover();
+  FolderRemover(const FolderRemover&) = delete;
+  FolderRemover& operator=(const FolderRemover&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  const std::string path_;
+};
 
 }  // namespace b4mrl

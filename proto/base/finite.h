@@ -19,7 +19,7 @@ inline bool FitsFloat32(double value) {
   return std::abs(value) <= static_cast<double>(std::numeric_limits<float>::max());  // NaN is not
 }
 
-// The same of each of `values`.
+// True if each of `values` stays finite when it is rounded to float32. Any thread.
 template <std::ranges::input_range Range>
 bool AllFitFloat32(const Range& values) {
   return std::ranges::all_of(values, [](double value) { return FitsFloat32(value); });

@@ -75,14 +75,8 @@ Status CheckEnvironment(const std::string& name, const std::string& environment,
         StatusCode::kInvalidArgument,
         fmt::format("dataset {} was recorded in {}, not in {}", name, environment, wanted));
   }
-  if (spec.observation.size() == columns.observation_size &&
-      spec.action.size() == columns.action_size) {
-    return Status();
-  }
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("dataset {} has {} observation and {} action values, {} has {} and {}",
-                            name, columns.observation_size, columns.action_size, wanted,
-                            spec.observation.size(), spec.action.size()));
+  return spec.CheckSizes(fmt::format("dataset {}", name), columns.observation_size,
+                         columns.action_size);
 }
 
 }  // namespace b4mrl

@@ -23,7 +23,7 @@ bool IsPlainName(std::string_view name) {
 }
 
 // N if the name of a file is `name` with the version "-vN"; else -1.
-int64_t VersionOf(std::string_view file_name, std::string_view name) {
+int64_t VersionNumberOf(std::string_view file_name, std::string_view name) {
   if (!file_name.starts_with(name)) return -1;
   file_name.remove_prefix(name.size());
   if (!file_name.starts_with("-v")) return -1;
@@ -75,7 +75,7 @@ Result<DatasetFile> FindDatasetFile(const std::string& data_folder, const std::s
   for (const DatasetFile& file : files) {
     if (file.name == name) return file;
     names.push_back(file.name);
-    const int64_t version = VersionOf(file.name, name);
+    const int64_t version = VersionNumberOf(file.name, name);
     if (version <= newest_version) continue;
     newest_version = version;
     newest = &file;

@@ -40,11 +40,11 @@ int RunImporter(const ImporterOptions& options);
 // kUnavailable: an import did not end in time, for which the file need not be to blame.
 Status LateImport();
 
-// Starts `program --role importer ...`, waits for it and returns what it says. A crash, a
-// silent exit becomes a kDataLoss that names the file: asking again would not help. A missed
-// deadline, at which the child is killed, is LateImport(). When `cancelled` (may be null) turns
-// true, the child is killed within 100 ms: kUnavailable. The caller removes what a failed import
-// leaves in the folder.
+// Starts `program --role importer ...`, waits for it and returns what it says. A crash or a silent
+// exit becomes a kDataLoss that names the file: asking again would not help. A missed deadline, at
+// which the child is killed, is LateImport(). When `cancelled` (may be null) turns true, the child
+// is killed within 100 ms: kUnavailable. The caller removes what a failed import leaves in the
+// folder.
 Result<ImportedDataset> ImportInChild(const std::string& program, const ImporterOptions& options,
                                       const Deadline& deadline,
                                       const std::atomic<bool>* cancelled = nullptr);

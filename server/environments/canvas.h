@@ -1,6 +1,6 @@
 // Where an Environment draws its state. An environment describes the scene, a Canvas turns the
 // scene into pixels. Only the program b4mrl-render links an implementation of Canvas
-// (server/render): the daemon itself loads no graphics library.
+// (server/render/painter): the daemon itself loads no graphics library.
 //
 // Thread rule: one thread, the one that made the canvas.
 #pragma once

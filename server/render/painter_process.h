@@ -2,10 +2,9 @@
 //
 // A picture that the process cannot draw, or not within limits::kPaintMs, fails its own Render
 // request and nothing else of the worker. A simulator whose pictures cost too much processor time
-// is not drawn for a while, because the pictures of all others wait for each of its own. Thread
-// rule: one thread, which waits for every picture
-// and therefore must not step lanes. That thread must outlive the object, since the process dies
-// with the thread that started it.
+// is not drawn for a while, because the pictures of all others wait for each of its own.
+// Thread rule: one thread, which waits for every picture and therefore must not step lanes. It must
+// outlive the object, since the process dies with the thread that started it.
 #pragma once
 
 #include <sys/types.h>
@@ -65,8 +64,8 @@ class PainterProcess {
   Status FinishLatePicture(const Deadline& deadline);
   // Kills the process if it still runs; returns its wait status, as waitpid does.
   int End();
-  // The same. Remembers the simulator `identity`, whose picture was being drawn, if the process
-  // ended because of the picture's processor time.
+  // Ends the process as End does, and remembers the simulator `identity`, whose picture was being
+  // drawn, if the process ended because of the picture's processor time.
   int EndWhileDrawing(uint64_t identity);
   Status CheckNotTooSlow(uint64_t identity) const;
 

@@ -35,7 +35,7 @@ struct ChildAnswer {
 // two seconds after it has closed its output. The messages do not name the file, which the caller
 // adds.
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
-                              const std::atomic<bool>* cancelled = nullptr);
+                              const std::atomic<bool>* cancelled);
 
 // For the child, to be called first: it is killed when the thread that started it ends, and at once
 // if that has ended already.

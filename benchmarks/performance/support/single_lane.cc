@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/measurement.h"
 #include "proto/base/clock.h"
 
 namespace b4mrl::perf {
@@ -34,6 +35,11 @@ Result<std::vector<double>> SingleLane::StepTimes(int steps) {
     times.push_back(SecondsSince(start) * 1e6);
   }
   return times;
+}
+
+Result<double> SingleLane::MedianStepTime(int steps) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<double> times, StepTimes(steps));
+  return Median(std::move(times));
 }
 
 }  // namespace b4mrl::perf

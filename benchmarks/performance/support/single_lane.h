@@ -16,6 +16,8 @@ class SingleLane {
 
   // Makes `steps` steps; the microseconds that each step took.
   Result<std::vector<double>> StepTimes(int steps);
+  // Their median.
+  Result<double> MedianStepTime(int steps);
   Result<StepOutcome> Step();
 
  private:

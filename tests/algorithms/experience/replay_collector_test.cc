@@ -13,7 +13,6 @@
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/cores/td3_core.h"
-#include "algorithms/episodes/replay.h"
 #include "tests/algorithms/fixtures.h"
 #include "tests/algorithms/test_daemon.h"
 
@@ -140,12 +139,6 @@ TEST_CASE("Actions of the warm-up are uniform in [-1, 1], and new ones in every 
   const double count = kSteps * kLanes * context.action_size();
   CHECK(sum / count == Approx(0).margin(5 / std::sqrt(3 * count)));
   CHECK(squares / count == Approx(1.0 / 3).margin(5 * std::sqrt(4.0 / 45 / count)));
-}
-
-TEST_CASE("A run's actions are stepped again from the seed that its first lane starts with") {
-  for (const uint64_t seed : {uint64_t{0}, uint64_t{7}, UINT64_MAX}) {
-    CHECK(ReplaySeed(seed) == TrainLaneSeed(seed, 0));
-  }
 }
 
 TEST_CASE("A fall is stored as terminated, and returns are those of whole episodes") {

@@ -8,7 +8,7 @@ namespace b4mrl {
 namespace {
 
 TEST_CASE("Adam's first step moves each parameter by the learning rate against its gradient") {
-  Adam<double> adam({.learning_rate = 0.1}, 3);
+  Adam<double> adam(0.1, 3);
   std::vector<double> parameters = {1, 1, 1};
   // Bias correction makes m / sqrt(v) the gradient's sign; epsilon matters only for the tiny one.
   adam.Step(parameters, std::vector<double>{2, -300, 0});
@@ -18,7 +18,7 @@ TEST_CASE("Adam's first step moves each parameter by the learning rate against i
 }
 
 TEST_CASE("Adam's second step follows the formulas") {
-  Adam<double> adam({.learning_rate = 0.1}, 1);
+  Adam<double> adam(0.1, 1);
   std::vector<double> p = {0};
   adam.Step(p, std::vector<double>{1});
   adam.Step(p, std::vector<double>{-2});
@@ -29,8 +29,8 @@ TEST_CASE("Adam's second step follows the formulas") {
 }
 
 TEST_CASE("a decay range adds its term to the gradient there and nowhere else") {
-  Adam<double> with({.learning_rate = 0.01}, 4, {{1, 2, 0.5}});
-  Adam<double> without({.learning_rate = 0.01}, 4);
+  Adam<double> with(0.01, 4, {{1, 2, 0.5}});
+  Adam<double> without(0.01, 4);
   std::vector<double> a = {3, 4, 5, 6}, b = a;
   with.Step(a, std::vector<double>{0.1, -1.9, 0.1, 0.1});
   without.Step(b, std::vector<double>{0.1, -1.9 + 0.5 * 4, 0.1 + 0.5 * 5, 0.1});
@@ -38,7 +38,7 @@ TEST_CASE("a decay range adds its term to the gradient there and nowhere else") 
 }
 
 TEST_CASE("the fused step moves the target towards the new parameters") {
-  Adam<double> fused({.learning_rate = 0.1}, 2), plain({.learning_rate = 0.1}, 2);
+  Adam<double> fused(0.1, 2), plain(0.1, 2);
   std::vector<double> a = {1, -1}, b = a, target = {10, 20};
   const std::vector<double> gradient = {0.3, -0.2};
   fused.StepWithPolyak(a, gradient, 0.25, target);
@@ -49,7 +49,7 @@ TEST_CASE("the fused step moves the target towards the new parameters") {
 }
 
 TEST_CASE("a NaN gradient shows in the parameter") {
-  Adam<float> adam({}, 40);
+  Adam<float> adam(3e-4, 40);
   std::vector<float> parameters(40, 1.0f), gradient(40, 0.5f);
   gradient[17] = std::nanf("");
   adam.Step(parameters, gradient);

@@ -301,15 +301,8 @@ class Session:
         read: Callable[[Delivery, Lanes | None, Any], T],
         prepare: Callable[[], Any] | None = None,
     ) -> T:
-        self._refuse_closed()
-        try:  # as _while_open, without a frame more, which the level of a step's warning counts
-            return self._operations.call(kind, lanes, columns, self.deadline_ms, read, prepare)
-        except errors.FailedPreconditionError:
-            self._refuse_closed()
-            raise
-        except errors.SessionLostError as error:
-            self._loss = str(error)
-            raise
+        call = self._operations.call
+        return self._while_open(call, kind, lanes, columns, self.deadline_ms, read, prepare)
 
     def _while_open(self, call: Callable[..., T], *arguments: Any) -> T:
         """`call(*arguments)`. FailedPreconditionError: the environment is closed.
