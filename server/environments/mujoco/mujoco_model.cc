@@ -4,26 +4,39 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <cstring>
 #include <map>
+#include <memory>
 #include <mutex>
+#include <string_view>
 #include <vector>
 
 #include "server/environments/mujoco/compiled_model.h"
 #include "server/environments/mujoco/engine_version.h"
 #include "server/environments/mujoco/mujoco_guard.h"
+#include "server/environments/mujoco/own_models.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr size_t kMessageBytes = 1000;
 
-Result<LoadedModel> Compile(const std::string& path, const std::string& file_name) {
+// Compiles one of the models that the program holds.
+Result<LoadedModel> CompileOwnModel(const std::string& file_name) {
   InstallMujocoHandlers();
-  B4MRL_ASSIGN_OR_RETURN(const std::string bytes, ReadModelFile(path));
+  const std::string_view bytes = OwnModel(file_name);
+  const auto files = std::make_unique<mjVFS>();  // of megabytes
+  mj_defaultVFS(files.get());
+  if (mj_makeEmptyFileVFS(files.get(), file_name.c_str(), static_cast<int>(bytes.size())) != 0) {
+    return Status(StatusCode::kUnavailable, "no memory for a model's text");
+  }
+  const int number = mj_findFileVFS(files.get(), file_name.c_str());
+  std::memcpy(files->filedata[number], bytes.data(), bytes.size());
   char error[kMessageBytes] = "";
-  MjModelPtr model(mj_loadXML(path.c_str(), nullptr, error, sizeof(error)));
+  MjModelPtr model(mj_loadXML(file_name.c_str(), files.get(), error, sizeof(error)));
+  mj_deleteVFS(files.get());
   if (model == nullptr) {
-    return Status(StatusCode::kDataLoss, fmt::format("model {}: {}", path, error));
+    return Status(StatusCode::kDataLoss, fmt::format("model {}: {}", file_name, error));
   }
   const uint64_t hash = XXH3_64bits(bytes.data(), bytes.size());
   return LoadedModel{std::move(model), fmt::format("{}:{:016x}", file_name, hash), "", {}, {}};
@@ -42,8 +55,7 @@ Result<LoadedModel> LoadOwnModel(const std::string& file_name) {
   const std::lock_guard lock(mutex);
   auto it = compiled->find(file_name);
   if (it == compiled->end()) {
-    B4MRL_ASSIGN_OR_RETURN(LoadedModel fresh,
-                           Compile(DefaultModelsFolder() + "/" + file_name, file_name));
+    B4MRL_ASSIGN_OR_RETURN(LoadedModel fresh, CompileOwnModel(file_name));
     it = compiled->emplace(file_name, std::move(fresh)).first;
   }
   B4MRL_ASSIGN_OR_RETURN(MjModelPtr copy, Copy(*it->second.model));

@@ -1,8 +1,9 @@
 // Compiled MuJoCo models: the tasks' own, users' models in their place, and perturbed copies.
 //
-// A task's own MJCF is compiled once per process. A user's MJCF is never parsed here: a sandboxed
-// process compiles it (CompileModelFile, called by server/models/model_compiler.cc), and all others
-// load the compiled copy, a file named by the hash of its content. Any thread.
+// A task's own MJCF is a part of the program, compiled once per process. A user's MJCF is never
+// parsed here: a sandboxed process compiles it (CompileModelFile, called by
+// server/models/model_compiler.cc), and all others load the compiled copy, a file named by the hash
+// of its content. Any thread.
 #pragma once
 
 #include <mujoco/mujoco.h>
@@ -55,10 +56,9 @@ Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const Mo
 // Loads a user's model (setup.users_model), which must have the joints, motors and timestep of the
 // task's own, in its order if it has the own one's names, or else the task's own, changed by
 // `adapt`. Then the perturbations apply (setup.change_model), unless they draw numbers anew for
-// each episode. The task's own model is `file_name` of DefaultModelsFolder(), compiled on first use
-// and kept until the process ends, so that a later change of the file has no effect. kIoError or
-// kDataLoss when a file cannot be read or compiled, kInvalidArgument when the user's model does not
-// fit the task.
+// each episode. The task's own model is OwnModel(file_name), compiled on first use and kept until
+// the process ends. kIoError or kDataLoss when a file cannot be read or compiled, kInvalidArgument
+// when the user's model does not fit the task.
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt = {});
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "server/environments/mujoco/mujoco_environment.h"
+#include "server/environments/mujoco/own_models.h"
 #include "server/perturbations/list.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/server/environments/simulation.h"
@@ -224,6 +225,14 @@ void CompareTendons(const mjModel& m, Comparison& c) {
   c.Array("tendon_stiffness", m.tendon_stiffness, m.ntendon);
   c.Array("tendon_damping", m.tendon_damping, m.ntendon);
   c.Array("tendon_length0", m.tendon_length0, m.ntendon);
+}
+
+TEST_CASE("The models in the program are the files of data/models") {
+  for (const Task& task : kTasks) {
+    const std::string file = std::string(task.name) + ".xml";
+    CHECK(OwnModel(file) == ReadBytes(B4MRL_SOURCE_DIR "/data/models/" + file));
+  }
+  CHECK(OwnModel("no_such.xml").empty());
 }
 
 TEST_CASE("Every compiled model equals the recorded one in every field") {
