@@ -59,13 +59,15 @@ class Gateway {
                  [this](const RoutingId& client, Message reply) {
                    (void)socket_.Send(client, std::move(reply));
                  }),
-        status_(context.shared(), context.options().data_folder),
+        data_folder_(context.options().data_folder),
+        status_(context.shared(), data_folder_),
         catalogue_(ModelsFolder(context.options()),
                    [options = context.options()] { return BenchmarksOf(options); }),
         openings_(
             context.shared(), std::move(workers),
             {{ModelsFolder(context.options()), context.options().data_folder},
              context.options().worker_ports},
+            data_folder_,
             [this](const Asker& to, const Result<pb::Reply>& opened) { ReplyToOpen(to, opened); }),
         relay_(sockets, context.shared(),
                {context.options().worker_addresses, context.options().dataset_address},
@@ -95,6 +97,7 @@ class Gateway {
   ChildContext& context_;
   RouterSocket socket_;
   Responder replies_;
+  DataFolder data_folder_;
   StatusReport status_;
   Catalogue catalogue_;
   Openings openings_;

@@ -106,9 +106,7 @@ std::string ModelCacheFolder(const std::string& data_folder) {
 }
 
 ModelStore::ModelStore(Options options)
-    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {
-  MakeRoom(cache_folder_);
-}
+    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {}
 
 bool ModelStore::MarkAsUsed(const std::string& path) {
   return utimensat(AT_FDCWD, path.c_str(), nullptr, 0) == 0;

@@ -5,7 +5,7 @@
 //                                         kMaxCompiledModels; a session remembers its model's hash,
 //                                         so a later change of FILE.xml changes no running session
 //   DATA/.b4mrl-cache/models/.trial-*     models that are being compiled; what a killed gateway has
-//                                         left is removed once no compiler can still write it
+//                                         left is removed after the next compilation
 //
 // Any thread. Which file is compiled when is decided by server/process/preparation_queue.h.
 #pragma once

@@ -32,10 +32,11 @@ Status Damaged() { return Status(StatusCode::kSessionLost, "the session's record
 }  // namespace
 
 Openings::Openings(SharedState& shared, std::vector<DealerSocket> workers, Options options,
-                   ReplyFunction reply)
+                   DataFolder& data_folder, ReplyFunction reply)
     : shared_(shared),
       table_(shared),
       worker_ports_(std::move(options.worker_ports)),
+      data_folder_(data_folder),
       reply_(std::move(reply)),
       store_(std::move(options.models)),
       models_(
@@ -292,14 +293,19 @@ void Openings::Reap() {
   }
 }
 
-void Openings::MarkModelsAsUsed() const {
+void Openings::MarkModelsAsUsed() {
+  std::vector<std::string> models;
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
     if (record.state() != SessionState::kLive) continue;
     const Result<pb::OpenRequest> request = OpenRequestOf(record);
     if (!request.ok() || request->compiled_model().empty()) continue;
-    ModelStore::MarkAsUsed(request->compiled_model());
+    models.push_back(request->compiled_model());
   }
+  if (models.empty()) return;
+  data_folder_.TryRun([models] {
+    for (const std::string& model : models) ModelStore::MarkAsUsed(model);
+  });
 }
 
 int64_t Openings::wait_ms(int64_t longest_ms) const {

@@ -26,6 +26,7 @@
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 #include "proto/wire/socket.h"
+#include "server/gateway/data_folder.h"
 #include "server/gateway/model_store.h"
 #include "server/process/child.h"
 #include "server/process/preparation_queue.h"
@@ -45,7 +46,7 @@ class Openings {
   // `workers` are connections to the environment workers. Replies leave through `reply`. What is
   // passed by reference outlives the openings.
   Openings(SharedState& shared, std::vector<DealerSocket> workers, Options options,
-           ReplyFunction reply);
+           DataFolder& data_folder, ReplyFunction reply);
 
   // `request` is an Open.
   void Open(const Asker& from, const pb::Request& request);
@@ -109,7 +110,7 @@ class Openings {
   bool MoveOn(uint64_t generation, Attach* attach);
   Result<pb::Reply> Conclude(uint64_t generation, const Attach& attach, const pb::Reply& answer);
   // A replacement of a session's worker loads its model again, so it must not make room for others.
-  void MarkModelsAsUsed() const;
+  void MarkModelsAsUsed();
   // Ends Open `number` with its reply.
   void Leave(uint64_t number, const Result<pb::Reply>& reply);
 
@@ -117,6 +118,7 @@ class Openings {
   SessionTable table_;
   std::vector<Worker> workers_;
   std::vector<ChildOptions::Port> worker_ports_;
+  DataFolder& data_folder_;
   ReplyFunction reply_;
   std::unordered_map<uint64_t, Waiting> waiting_;  // by number
   uint64_t next_number_ = 1;

@@ -1,12 +1,9 @@
 #include "server/gateway/status_report.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <string>
 #include <string_view>
-#include <system_error>
 
-#include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/wire/named_arguments.h"
 #include "proto/wire/utf8.h"
@@ -18,12 +15,6 @@ namespace {
 // Limit on the listed sessions, so that a status fits an envelope with room to spare.
 constexpr uint32_t kMaxListedSessions = 256;
 constexpr size_t kMaxFolderBytes = 4096;
-
-std::string Absolute(const std::string& folder) {
-  std::error_code error;
-  const std::string absolute = std::filesystem::absolute(folder, error).lexically_normal().string();
-  return error ? folder : absolute;
-}
 
 // `text` with a question mark for each byte that is not UTF-8: no client could read a message with
 // such a byte. A path may have any bytes, and a text that was cut may end within a character.
@@ -38,9 +29,9 @@ std::string AsUtf8(std::string text) {
 
 }  // namespace
 
-StatusReport::StatusReport(SharedState& shared, const std::string& data_folder)
+StatusReport::StatusReport(SharedState& shared, DataFolder& data_folder)
     : shared_(shared),
-      data_folder_(Absolute(data_folder)),
+      data_folder_(data_folder),
       rates_(kFirstWorkerChild + shared.worker_count()),
       opened_(limits::kMaxSessions),
       sampled_ms_(MonotonicMs()) {
@@ -65,9 +56,9 @@ void StatusReport::Fill(pb::ServerStatusReply* out) {
   out->set_uptime_ms(static_cast<uint64_t>(MonotonicMs() - shared_.header().start_ms));
   for (uint32_t child = 0; child < rates_.size(); ++child) FillChild(child, out->add_workers());
   FillSessions(out);
-  if (data_folder_.size() > kMaxFolderBytes) return;
-  out->set_data_folder(AsUtf8(data_folder_));
-  out->set_data_folder_id(FolderIdentity(data_folder_));
+  if (data_folder_.path().size() > kMaxFolderBytes) return;
+  out->set_data_folder(AsUtf8(data_folder_.path()));
+  out->set_data_folder_id(data_folder_.Identity());
 }
 
 void StatusReport::FillChild(uint32_t child, pb::WorkerStatus* out) const {

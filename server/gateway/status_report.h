@@ -6,13 +6,15 @@
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
+#include "server/gateway/data_folder.h"
 #include "server/shared_memory/shared_state.h"
 
 namespace b4mrl {
 
 class StatusReport {
  public:
-  StatusReport(SharedState& shared, const std::string& data_folder);
+  // What is passed by reference outlives the report.
+  StatusReport(SharedState& shared, DataFolder& data_folder);
 
   // To be called about once a second: notes the step counts that rates are computed from.
   void Sample();
@@ -37,7 +39,7 @@ class StatusReport {
   const Opened& OpenedOf(uint32_t index);
 
   SharedState& shared_;
-  std::string data_folder_;     // absolute
+  DataFolder& data_folder_;
   std::vector<Rate> rates_;     // by child
   std::vector<Opened> opened_;  // by index of the record
   int64_t sampled_ms_;

@@ -61,11 +61,11 @@ TEST_CASE("Trials that a killed gateway has left are removed, and take no model'
     write(std::to_string(i) + ".mjb", 2 * longest);
   }
   ModelStore store(script.options());
-  CHECK_FALSE(fs::exists(cache + "/.trial-0000000000000001.mjb"));
-  CHECK(fs::exists(cache + "/.trial-0000000000000002.mjb"));
   const std::atomic<bool> never{false};
   script.Drop("good.xml");
   REQUIRE(store.Compile("Hopper", "good.xml", never).ok());
+  CHECK_FALSE(fs::exists(cache + "/.trial-0000000000000001.mjb"));
+  CHECK(fs::exists(cache + "/.trial-0000000000000002.mjb"));
   const auto count =
       std::distance(fs::directory_iterator(cache), fs::directory_iterator());  // with the trial
   CHECK(count == limits::kMaxCompiledModels + 1);

@@ -12,6 +12,7 @@
 
 #include "server/gateway/openings.h"
 #include "tests/client/fake_server.h"
+#include "tests/results.h"
 #include "tests/server/models/compiler_script.h"
 
 namespace b4mrl {
@@ -36,6 +37,7 @@ class OpeningsFixture {
   SocketFolder folder_;
   Context sockets_;  // outlives the openings
   SharedState state_;
+  DataFolder folder_of_data_{"/tmp"};
 
  public:
   static constexpr int64_t kPatienceMs = 30'000;
@@ -47,17 +49,11 @@ class OpeningsFixture {
       workers.push_back(Take(DealerSocket::Connect(sockets_, folder_.Address(NameOf(i)))));
     }
     const Openings::Options options{script.options(), {{.tcp = 7701, .ipc = ""}}};
-    openings.emplace(state_, std::move(workers), options,
+    openings.emplace(state_, std::move(workers), options, folder_of_data_,
                      [this](const Asker& to, const Result<pb::Reply>& opened) {
                        answers[{to.peer, to.request_id}].push_back(opened.status());
                      });
   }
-  template <typename T>
-  static T Take(Result<T> result) {
-    REQUIRE(result.ok());
-    return std::move(*result);
-  }
-
   CompilerScript script;
   std::unique_ptr<FakeServer> worker;  // the one that was started last
   std::optional<Openings> openings;

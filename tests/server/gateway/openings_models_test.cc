@@ -50,7 +50,10 @@ TEST_CASE("The model of a live session stays marked as used") {
   const auto long_ago = std::filesystem::last_write_time(model) - std::chrono::hours(24);
   std::filesystem::last_write_time(model, long_ago);
   fixture.openings->Reap();
-  CHECK(std::filesystem::last_write_time(model) > long_ago + std::chrono::hours(23));
+  const auto is_recent = [&] {
+    return std::filesystem::last_write_time(model) > long_ago + std::chrono::hours(23);
+  };
+  fixture.Await(is_recent);
 }
 
 TEST_CASE("A connection's models are compiled one after another, beside those of others") {

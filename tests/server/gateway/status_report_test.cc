@@ -43,7 +43,8 @@ TEST_CASE("A status of many sessions with long names fits an envelope, and count
     record.steps = record.query_rows = record.requests = record.errors = UINT64_MAX;
   }
   pb::Reply reply;
-  StatusReport(state, "/" + std::string(4'000, 'f')).Fill(reply.mutable_server_status());
+  DataFolder folder("/" + std::string(4'000, 'f'));
+  StatusReport(state, folder).Fill(reply.mutable_server_status());
   RequireOk(SerializeEnvelope(reply).status());
   const pb::ServerStatusReply& status = reply.server_status();
   CHECK(status.sessions_size() == kListed);
@@ -56,7 +57,8 @@ TEST_CASE("A status of many sessions with long names fits an envelope, and count
 TEST_CASE("A session's record is read once, and anew for the next session that has it") {
   SharedState state = Take(SharedState::Create(1, limits::kLoopbackLeaseMs));
   SessionTable table(state);
-  StatusReport report(state, "/data");
+  DataFolder folder("/data");
+  StatusReport report(state, folder);
   const auto shown = [&] {
     pb::ServerStatusReply status;
     report.Fill(&status);
@@ -107,7 +109,8 @@ TEST_CASE("A status has question marks where a path or a cut text is not UTF-8")
       {"/\xed\xa0\x80", "/???"},       // a surrogate
       {"/\xf4\x90\x80\x80", "/????"},  // beyond the last character
   };
-  for (const auto& [folder, shown] : folders) {
+  for (const auto& [path, shown] : folders) {
+    DataFolder folder(path);
     pb::Reply reply;
     StatusReport(state, folder).Fill(reply.mutable_server_status());
     CHECK(reply.server_status().data_folder() == shown);

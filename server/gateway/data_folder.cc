@@ -1,0 +1,74 @@
+#include "server/gateway/data_folder.h"
+
+#include <condition_variable>
+#include <filesystem>
+#include <mutex>
+#include <system_error>
+#include <utility>
+
+#include "proto/base/folders.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kPatienceMs = 100;  // answers of folders that do answer take microseconds
+
+std::string Absolute(const std::string& folder) {
+  std::error_code error;
+  const std::string absolute = std::filesystem::absolute(folder, error).lexically_normal().string();
+  return error ? folder : absolute;
+}
+
+}  // namespace
+
+struct DataFolder::State {
+  std::mutex mutex;
+  std::condition_variable done;
+  bool is_busy = false;
+  uint64_t identity = 0;
+};
+
+DataFolder::DataFolder(const std::string& path)
+    : path_(Absolute(path)), state_(std::make_shared<State>()) {}
+
+bool DataFolder::TryRun(std::function<void()> work) {
+  thread_.RunCompletions();
+  {
+    const std::lock_guard lock(state_->mutex);
+    if (state_->is_busy) return false;
+    state_->is_busy = true;
+  }
+  is_late_ = false;
+  thread_.Submit([state = state_, work = std::move(work)]() -> BackgroundThread::Completion {
+    work();
+    {
+      const std::lock_guard lock(state->mutex);
+      state->is_busy = false;
+    }
+    state->done.notify_all();
+    return [] {};
+  });
+  return true;
+}
+
+bool DataFolder::AwaitIdle(const Deadline& deadline) {
+  std::unique_lock lock(state_->mutex);
+  if (is_late_ && state_->is_busy) return false;
+  const auto is_idle = [this] { return !state_->is_busy; };
+  is_late_ = !state_->done.wait_until(lock, deadline.at(), is_idle);
+  return !is_late_;
+}
+
+uint64_t DataFolder::Identity() {
+  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  const auto look = [state = state_, path = path_] {
+    const uint64_t identity = FolderIdentity(path);
+    const std::lock_guard lock(state->mutex);
+    state->identity = identity;
+  };
+  if (AwaitIdle(deadline) && TryRun(look)) AwaitIdle(deadline);
+  const std::lock_guard lock(state_->mutex);
+  return state_->identity;
+}
+
+}  // namespace b4mrl
