@@ -13,7 +13,7 @@ install(FILES benchmarks/performance/python_rates.py DESTINATION lib/b4mrl/perfo
 
 # The documents, and what they link to, keep their places to each other.
 foreach(document LICENSE NOTICE CITATION.cff README.md ARCHITECTURE.md CHANGELOG.md CODE_OF_CONDUCT.md
-        CONTRIBUTING.md REPRODUCIBILITY.md SECURITY.md TUTORIAL.md proto/PROTOCOL.md proto/b4mrl.proto
+        CONTRIBUTING.md OPERATIONS.md REPRODUCIBILITY.md SECURITY.md TUTORIAL.md proto/PROTOCOL.md proto/b4mrl.proto
         proto/base/limits.h data/README.md data/DATASHEET.md data/datasets.toml benchmarks/CLUSTER.md
         benchmarks/FINDINGS.md benchmarks/RESULTS.md benchmarks/RULES.md benchmarks/budgets.toml
         benchmarks/leaderboard.csv client/remote_benchmark.h client/python/README.md)

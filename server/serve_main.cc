@@ -4,6 +4,7 @@
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/cfg/env.h>
 #include <spdlog/spdlog.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 
 #include <cstdio>
@@ -41,10 +42,15 @@ Status RunRole(ChildContext& context) {
   return InvalidArgument("--role", role, "a known role");
 }
 
+// As `top`, `pgrep` and the system's log of what it killed for memory know the process: executed as
+// /proc/self/exe, it would be "exe".
+void NameProcess(const std::string& name) { prctl(PR_SET_NAME, ("b4mrl-" + name).c_str()); }
+
 int RunChild(CommandLine line) {
   const std::string name = line.child.role == "worker"
                                ? ChildName(kFirstWorkerChild + line.child.index)
                                : line.child.role;
+  NameProcess(name);
   spdlog::default_logger()->set_pattern(kLogTime + ("b4mrl " + name + ": %v"));
   // Protobuf would write a line for every malformed message that a peer sends.
   google::protobuf::SetLogHandler(nullptr);
@@ -78,9 +84,11 @@ int ServeMain(int argc, char** argv) {
   std::optional<CommandLine> line = ParseCommandLine(argc, argv, &exit_code);
   if (!line) return exit_code;
   if (line->child.role == "importer") {
+    NameProcess("importer");
     LeaveSandbox(RunImporter({line->untrusted_file, line->cache_folder, line->cache_bytes}));
   }
   if (line->child.role == "model-compiler") {
+    NameProcess("compiler");
     LeaveSandbox(RunModelCompiler({line->child.models_folder, line->untrusted_file,
                                    line->environment, line->cache_folder, line->trial_name}));
   }

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <string>
 
 #include "algorithms/base/progress.h"
 #include "algorithms/tools/command.h"
@@ -12,8 +13,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-void PrintJson(const pb::ServerStatusReply& status) {
-  Json out = {{"uptime_ms", status.uptime_ms()},
+void PrintJson(const std::string& version, const pb::ServerStatusReply& status) {
+  Json out = {{"version", version},
+              {"uptime_ms", status.uptime_ms()},
               {"data_folder", status.data_folder()},
               {"session_count", status.session_count()},
               {"workers", Json::array()},
@@ -40,8 +42,8 @@ void PrintJson(const pb::ServerStatusReply& status) {
   fmt::print("{}\n", out.dump(2, ' ', false, Json::error_handler_t::replace));
 }
 
-void PrintText(const pb::ServerStatusReply& status) {
-  fmt::print("up {}, {} sessions, data in {}\n",
+void PrintText(const std::string& version, const pb::ServerStatusReply& status) {
+  fmt::print("b4mrl {}, up {}, {} sessions, data in {}\n", version,
              FormatDuration(static_cast<double>(status.uptime_ms()) / 1000), status.session_count(),
              status.data_folder());
   fmt::print("{:<16} {:>8} {:>8} {:>8} {:>12} {:>10} {:>12} {:>8}\n", "process", "pid", "restarts",
@@ -61,6 +63,7 @@ void PrintText(const pb::ServerStatusReply& status) {
 struct StatusCommand {
   std::string endpoint = "tcp://127.0.0.1:7700";
   bool json = false;
+  bool check = false;
 
   std::optional<Failure> Run() {
     DaemonOptions daemon;
@@ -69,7 +72,14 @@ struct StatusCommand {
     if (!connection.ok()) return Failure{kExitNoDaemon, connection.status()};
     const auto status = connection->client().ServerStatus();
     if (!status.ok()) return FromDaemon(status.status());
-    json ? PrintJson(*status) : PrintText(*status);
+    const std::string& version = connection->client().hello().server_version();
+    json ? PrintJson(version, *status) : PrintText(version, *status);
+    for (const pb::WorkerStatus& worker : status->workers()) {
+      if (!check || worker.process_id() != 0) continue;
+      return Failure{kExitNoDaemon, Status(StatusCode::kUnavailable,
+                                           fmt::format("{} does not run; it was restarted {} times",
+                                                       worker.role(), worker.restarts()))};
+    }
     return std::nullopt;
   }
 };
@@ -83,6 +93,8 @@ std::vector<Command> AddStatusCommand(CLI::App& app) {
       AddEndpoint(*sub, command->endpoint, "address of the daemon [tcp://127.0.0.1:7700]");
   sub->parse_complete_callback([command, option] { CheckEndpoint(*option, command->endpoint); });
   sub->add_flag("--json", command->json, "print the status as one JSON object");
+  sub->add_flag("--check", command->check,
+                "exit code 4 also where a process of the daemon is down");
   return {{sub, [command] { return command->Run(); }}};
 }
 

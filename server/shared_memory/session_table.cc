@@ -96,12 +96,21 @@ void SessionTable::Reap(int64_t abandoned_ms) {
 }
 
 uint32_t SessionTable::LeastLoadedWorker() const {
-  std::vector<std::pair<uint32_t, uint32_t>> load(shared_.worker_count());  // lanes, sessions
+  struct Load {
+    bool is_down = false;  // a worker that dies again and again, for want of threads say, has none
+    uint32_t lanes = 0;
+    uint32_t sessions = 0;
+    auto operator<=>(const Load&) const = default;
+  };
+  std::vector<Load> load(shared_.worker_count());
+  for (uint32_t worker = 0; worker < load.size(); ++worker) {
+    load[worker].is_down = shared_.child(kFirstWorkerChild + worker).process_id == 0;
+  }
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
     if (!IsOpen(record) || record.worker >= load.size()) continue;
-    load[record.worker].first += record.lane_count;
-    load[record.worker].second += 1;
+    load[record.worker].lanes += record.lane_count;
+    load[record.worker].sessions += 1;
   }
   return static_cast<uint32_t>(std::min_element(load.begin(), load.end()) - load.begin());
 }

@@ -35,6 +35,7 @@ constexpr int64_t kMemoryLookMs = 200;
   signal(SIGINT, SIG_IGN);
   signal(SIGTERM, SIG_IGN);
   signal(SIGHUP, SIG_IGN);
+  signal(SIGQUIT, SIG_IGN);
   sigset_t none;
   sigemptyset(&none);
   sigprocmask(SIG_SETMASK, &none, nullptr);
@@ -188,6 +189,15 @@ void ChildProcess::KillIfLarge(int64_t now_ms) {
 
 void ChildProcess::Kill() {
   if (running()) kill(process_id_, SIGKILL);
+}
+
+void ReapStrangers(std::span<const pid_t> own) {
+  siginfo_t dead{};
+  while (waitid(P_ALL, 0, &dead, WEXITED | WNOHANG | WNOWAIT) == 0 && dead.si_pid != 0 &&
+         std::ranges::find(own, dead.si_pid) == own.end()) {
+    waitpid(dead.si_pid, nullptr, WNOHANG);
+    dead.si_pid = 0;
+  }
 }
 
 }  // namespace b4mrl

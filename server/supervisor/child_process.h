@@ -19,11 +19,12 @@ class ChildProcess {
   // `child` is the index in the child table; every process of this child gets `options`.
   ChildProcess(uint32_t child, ChildOptions options, SharedState* shared);
 
-  // Forks and execs. The process dies with the supervisor, has no stdin, ignores SIGINT, SIGTERM
-  // and SIGHUP (the drain is announced in shared memory) and inherits its listeners and the shared
+  // Forks and execs. The process dies with the supervisor, has no stdin, ignores the signals that
+  // begin the drain (it is announced in shared memory) and inherits its listeners and the shared
   // memory alone.
   Status Start();
   bool running() const { return process_id_ > 0; }
+  pid_t process_id() const { return process_id_; }  // 0: not running
   // The time at which to Start a dead child again: at once, or later and later while the child
   // keeps dying within 250 ms of its start. A kill from outside, or for its memory, does not count.
   int64_t restart_at_ms() const { return restart_at_ms_; }
@@ -32,9 +33,9 @@ class ChildProcess {
   std::optional<Death> Reap();
   // Kills the process when it has had no heartbeat, or one of its threads has been at one piece of
   // work, for limits::kFrozenChildMs (20 s while it starts, and anew for each session that it
-  // adopts). Time in which a thread waits for a
-  // processor is not counted. A thread that stands still by itself is marked as guilty. `paused`:
-  // the supervisor itself did not run for a while, so silence means nothing.
+  // adopts). Time in which a thread waits for a processor is not counted. A thread that stands
+  // still by itself is marked as guilty. `paused`: the supervisor itself did not run for a while,
+  // so silence means nothing.
   void KillIfFrozen(int64_t now_ms, bool paused);
   // Kills the process if it takes more memory than its options allow, before the system's killer
   // picks another one. ZeroMQ bounds the messages of a peer, but not the parts of one that never
@@ -74,5 +75,9 @@ class ChildProcess {
   uint32_t deaths_before_ready_ = 0;
   int last_exit_code_ = -1;
 };
+
+// Ends the waiting of those dead children of this process that are not among `own`: as the first
+// process of a container the supervisor inherits what its dead children had started.
+void ReapStrangers(std::span<const pid_t> own);
 
 }  // namespace b4mrl

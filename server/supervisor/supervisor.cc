@@ -13,9 +13,11 @@
 #include <cstdio>
 #include <vector>
 
+#include "proto/base/clock.h"
 #include "proto/base/exit_codes.h"
 #include "server/supervisor/child_process.h"
 #include "server/supervisor/listeners.h"
+#include "server/supervisor/service_manager.h"
 
 namespace b4mrl {
 namespace {
@@ -27,6 +29,8 @@ constexpr int64_t kPausedMs = 500;
 constexpr int64_t kSameWishMs = 100;
 constexpr int64_t kStartMs = 60'000;
 constexpr uint32_t kMaxDeathsAtStart = 5;
+// How long a child may take to end after SIGKILL: one whose file system does not answer never does.
+constexpr int64_t kDyingMs = 5'000;
 // Every connection takes a descriptor, and a relayed session several.
 constexpr rlim_t kAmpleDescriptors = 4096;
 
@@ -44,7 +48,8 @@ class Supervisor {
   // False when the daemon cannot start, because a child has refused to.
   bool AnnounceWhenReady(int64_t now_ms);
   void BeginDrain(int64_t now_ms);
-  void KillAll();
+  // Whether all have ended.
+  bool KillAll();
   bool any_running() const;
   // The number of termination signals read.
   int ReadSignals(int signal_fd);
@@ -98,6 +103,9 @@ void Supervisor::ReapChildren() {
       BlameDeath(shared_, child.child() - kFirstWorkerChild, *death);
     }
   }
+  std::vector<pid_t> children;
+  for (const ChildProcess& child : children_) children.push_back(child.process_id());
+  ReapStrangers(children);
 }
 
 bool Supervisor::AnnounceWhenReady(int64_t now_ms) {
@@ -120,23 +128,32 @@ bool Supervisor::AnnounceWhenReady(int64_t now_ms) {
     }
     // Clients are served, too, where nobody reads this: it is no fault at the daemon's end.
     if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) std::clearerr(stdout);
+    TellServiceManager("READY=1");
   }
   return true;
 }
 
 void Supervisor::BeginDrain(int64_t now_ms) {
   spdlog::info("draining");
+  TellServiceManager("STOPPING=1");
   draining_ = true;
   drain_end_ms_ = now_ms + limits::kDrainMs;
   shared_.header().draining.store(true);
 }
 
-void Supervisor::KillAll() {
+bool Supervisor::KillAll() {
   for (ChildProcess& child : children_) child.Kill();
-  while (any_running()) {
+  const Deadline deadline = Deadline::AfterMs(kDyingMs);
+  while (any_running() && !deadline.expired()) {
     for (ChildProcess& child : children_) child.Reap();
     poll(nullptr, 0, 1);
   }
+  for (const ChildProcess& child : children_) {
+    if (!child.running()) continue;
+    spdlog::error("{} (process {}) cannot be killed: does its file system answer?",
+                  ChildName(child.child()), child.process_id());
+  }
+  return !any_running();
 }
 
 bool Supervisor::any_running() const {
@@ -182,7 +199,7 @@ int Supervisor::Run(int signal_fd) {
       break;
     }
   }
-  KillAll();
+  if (!KillAll()) exit_code = kExitFailed;
   RemoveSocketFiles(listeners_);
   return exit_code;
 }
@@ -192,15 +209,18 @@ bool IsIgnored(int number) {
   return sigaction(number, nullptr, &action) == 0 && action.sa_handler == SIG_IGN;
 }
 
-// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal was closed) begin the drain, the
-// last two unless the parent ignored them, as nohup and a script's `&` do: signalfd would report
-// them all the same.
+// SIGCHLD wakes the loop; SIGTERM, SIGINT, SIGQUIT and SIGHUP (the terminal was closed) begin the
+// drain, the last three unless the parent ignored them, as nohup and a script's `&` do: signalfd
+// would report them all the same. SIGUSR1 and SIGUSR2, by which other daemons open their logs
+// again, mean nothing here, and end nothing.
 int OpenSignals() {
   signal(SIGCHLD, SIG_DFL);  // ignored by a parent, it would leave no child's end to wait for
+  signal(SIGUSR1, SIG_IGN);
+  signal(SIGUSR2, SIG_IGN);
   sigset_t signals;
   sigemptyset(&signals);
   for (const int number : {SIGCHLD, SIGTERM}) sigaddset(&signals, number);
-  for (const int number : {SIGINT, SIGHUP}) {
+  for (const int number : {SIGINT, SIGQUIT, SIGHUP}) {
     if (!IsIgnored(number)) sigaddset(&signals, number);
   }
   sigprocmask(SIG_BLOCK, &signals, nullptr);

@@ -11,8 +11,8 @@ namespace b4mrl {
 // The time at the beginning of each line of the daemon's log, as a pattern of spdlog.
 inline constexpr char kLogTime[] = "%Y-%m-%d %H:%M:%S.%e ";
 
-// Runs until SIGTERM, SIGINT or SIGHUP; returns the process's exit code. Prints "ready ADDRESS" on
-// stdout, one line for each --bind, when every child reads its sockets.
+// Runs until SIGTERM, SIGINT, SIGQUIT or SIGHUP; returns the process's exit code. Prints "ready
+// ADDRESS" on stdout, one line for each --bind, when every child reads its sockets.
 int RunSupervisor(const ServeOptions& options);
 
 }  // namespace b4mrl

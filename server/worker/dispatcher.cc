@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "proto/base/limits.h"
+#include "server/process/child.h"
 #include "server/replies/pending_request.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
@@ -19,6 +20,8 @@ namespace {
 
 // Deadlines are checked at most this often, because each check looks at all requests.
 constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
+// A longer delay of ReapIdleSessions means that this process stood still.
+constexpr int64_t kPausedMs = 1'000;
 struct Handler {
   pb::Request::PayloadCase payload;
   // Whether a copy is not told by the bytes of its arrays alone, because the request says more, or
@@ -263,8 +266,19 @@ void Dispatcher::EndSession(Session* session) {
   for (const Session::PendingClose& close : closes) replies_.Reply(close.from, Closed());
 }
 
-void Dispatcher::ReapIdleSessions() {
-  const int64_t oldest = MonotonicMs() - LeaseMs();
+void Dispatcher::ReapIdleSessions(int64_t now_ms) {
+  // While this process stood still (a machine that was suspended, a container that was paused), no
+  // request could come to it: those that waited meanwhile are only read after this.
+  const int64_t stood_still_ms = reaped_ms_ == 0 ? 0 : now_ms - reaped_ms_ - kReapIntervalMs;
+  reaped_ms_ = now_ms;
+  if (stood_still_ms > kPausedMs) {
+    for (const auto& [token, session] : sessions_) {
+      if (!session->owns_record()) continue;
+      std::atomic<int64_t>& last = session->record().last_activity_ms;
+      last.store(std::min(now_ms, last.load() + stood_still_ms));
+    }
+  }
+  const int64_t oldest = now_ms - LeaseMs();
   std::vector<Session*> expired;
   for (const auto& [token, session] : sessions_) {
     const bool idle = session->in_flight().empty() &&

@@ -47,8 +47,9 @@ class Dispatcher {
   int64_t MsToNextTurn() const;
   // Answers the requests that the pool has finished.
   void FinishCompleted();
-  // Ends sessions whose lease has run out.
-  void ReapIdleSessions();
+  // Ends sessions whose lease has run out at `now_ms`. To be called every kReapIntervalMs: in the
+  // time by which a call is late the process stood still, and no lease runs.
+  void ReapIdleSessions(int64_t now_ms);
 
   // From now on new work is answered with kUnavailable, and so are Attaches that wait.
   void StopAccepting();
@@ -117,6 +118,7 @@ class Dispatcher {
   bool served_since_build_ = false;             // a request of a session
   uint32_t next_record_ = 0;                    // the record that AdoptNext looks at next
   int64_t adoption_failed_ms_ = INT64_MIN / 2;  // when a session could last not be taken over
+  int64_t reaped_ms_ = 0;                       // when ReapIdleSessions was last called
   // When EndExpired last looked at all jobs, and when it has to look again.
   Clock::time_point last_deadline_sweep_{};
   Clock::time_point next_deadline_sweep_ = Clock::time_point::max();

@@ -167,7 +167,7 @@ Status Worker::Run() {
       if (dispatcher_.idle()) break;
     }
     if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
-      dispatcher_.ReapIdleSessions();
+      dispatcher_.ReapIdleSessions(now);
       next_reap_ms = now + kReapIntervalMs;
     }
     if (const int64_t now = MonotonicMs(); now >= next_adopt_ms) {

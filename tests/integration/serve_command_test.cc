@@ -91,10 +91,14 @@ siginfo_t AwaitEnd(const PrivateDaemon& daemon) {
   return info;
 }
 
-TEST_CASE("SIGTERM, SIGINT and SIGHUP end the daemon with code 0") {
-  const int signal = GENERATE(SIGTERM, SIGINT, SIGHUP);
+TEST_CASE("SIGTERM, SIGINT, SIGQUIT and SIGHUP end the daemon with code 0, SIGUSR1 and 2 do not") {
+  const int signal = GENERATE(SIGTERM, SIGINT, SIGQUIT, SIGHUP);
   CAPTURE(signal);
   const PrivateDaemon daemon = Start({"--workers", "1"});
+  for (const int meaningless : {SIGUSR1, SIGUSR2}) {
+    REQUIRE(kill(daemon.process_id(), meaningless) == 0);
+    CHECK(Connect(daemon.endpoint()).Make("HalfCheetah").ok());
+  }
   REQUIRE(kill(daemon.process_id(), signal) == 0);
   const siginfo_t end = AwaitEnd(daemon);
   REQUIRE(end.si_code == CLD_EXITED);

@@ -84,6 +84,17 @@ TEST_CASE("Sessions go to the least loaded worker and never share lanes") {
   }
 }
 
+TEST_CASE("A session goes to no worker that is down while another one runs") {
+  SharedState state = NewState();
+  SessionTable table(state);
+  state.child(kFirstWorkerChild + 1).process_id = 1;
+  for (uint64_t token = 1; token <= 3; ++token) {
+    CHECK(state.session(*Allocate(table, token, 4)).worker == 1);
+  }
+  state.child(kFirstWorkerChild).process_id = 1;  // it is back
+  CHECK(state.session(*Allocate(table, 4, 4)).worker == 0);
+}
+
 TEST_CASE("Sessions without lanes are spread over the workers as well") {
   SharedState state = NewState();
   SessionTable table(state);

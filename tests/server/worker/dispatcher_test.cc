@@ -251,10 +251,10 @@ TEST_CASE("Close waits for what is under way, and closing twice is closing once"
 TEST_CASE("A session that nobody uses ends when its lease does") {
   WorkerFixture worker;
   const uint32_t index = worker.Open(1);
-  worker.dispatcher().ReapIdleSessions();
+  worker.dispatcher().ReapIdleSessions(MonotonicMs());
   REQUIRE(worker.dispatcher().session_count() == 1);
   worker.state().session(index).last_activity_ms -= limits::kLoopbackLeaseMs + 1;
-  worker.dispatcher().ReapIdleSessions();
+  worker.dispatcher().ReapIdleSessions(MonotonicMs());
   REQUIRE(worker.dispatcher().session_count() == 0);
   REQUIRE(worker.Reset({1}).code() == StatusCode::kSessionLost);
 }
@@ -268,11 +268,11 @@ TEST_CASE("A request renews its session's lease, and one that is under way keeps
   };
   age();
   REQUIRE(worker.Step({2}, 0).code() == StatusCode::kOk);
-  worker.dispatcher().ReapIdleSessions();
+  worker.dispatcher().ReapIdleSessions(MonotonicMs());
   REQUIRE(worker.dispatcher().session_count() == 1);
   worker.Send(WorkerFixture::StepRequest(), {Numbers({3}), Actions(1, 0)}, true);
   age();
-  worker.dispatcher().ReapIdleSessions();
+  worker.dispatcher().ReapIdleSessions(MonotonicMs());
   REQUIRE(worker.dispatcher().session_count() == 1);
   worker.Work();
   REQUIRE(worker.answers.back().code() == StatusCode::kOk);
@@ -328,7 +328,7 @@ TEST_CASE("A session without its record is forgotten when leases are looked at")
   WorkerFixture worker;
   const uint32_t index = OpenUnacknowledged(worker, kToken);
   SessionTable(worker.state()).Free(index);
-  worker.dispatcher().ReapIdleSessions();
+  worker.dispatcher().ReapIdleSessions(MonotonicMs());
   REQUIRE(worker.dispatcher().session_count() == 0);
   REQUIRE(worker.state().session(index).state() == SessionState::kFree);
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
+#include "server/process/child.h"
 #include "server/worker/fault_point.h"
 #include "tests/server/worker/worker_fixture.h"
 
@@ -319,9 +320,27 @@ TEST_CASE("The lease of a session that was never acknowledged runs out as well")
   const uint32_t index = worker.Allocate(2);
   REQUIRE(worker.Attach(index) == StatusCode::kOk);
   worker.state().session(index).last_activity_ms -= limits::kLoopbackLeaseMs + 1;
-  worker.dispatcher().ReapIdleSessions();
+  worker.dispatcher().ReapIdleSessions(MonotonicMs());
   REQUIRE_FALSE(SessionTable(worker.state()).MakeLive(index));
   REQUIRE(AllLanesAreFree(worker.state()));
+}
+
+TEST_CASE("No lease runs while the worker stands still") {
+  constexpr int64_t kLeaseMs = limits::kLoopbackLeaseMs;
+  WorkerFixture worker;
+  worker.Open(1);
+  int64_t now = MonotonicMs();
+  worker.dispatcher().ReapIdleSessions(now);
+  now += 10 * kLeaseMs;  // the machine was suspended
+  worker.dispatcher().ReapIdleSessions(now);
+  CHECK(worker.dispatcher().session_count() == 1);
+  int64_t idle = 0;
+  for (; worker.dispatcher().session_count() == 1 && idle < 2 * kLeaseMs; idle += kReapIntervalMs) {
+    now += kReapIntervalMs;
+    worker.dispatcher().ReapIdleSessions(now);
+  }
+  CHECK(idle > kLeaseMs - 60'000);  // the test itself takes time
+  CHECK(idle <= kLeaseMs + kReapIntervalMs);
 }
 
 }  // namespace
