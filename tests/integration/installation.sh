@@ -60,13 +60,10 @@ others=$(grep -v -e ' not made; ' -e ' cannot be made: ' "$folder/list") && fail
   fail "a report: $(cat "$folder/log")"
 [ -s "$folder/report/report.html" ] || fail "the report has no page"
 
-# Whose models and agents it reads shows when they are spoilt.
-echo "no model" >"$prefix/lib/b4mrl/models/hopper.xml"
-if "$b4mrl" train --algorithm sac --environment Hopper --updates 1 --out "$folder/run" \
-  >"$folder/log" 2>&1; then
-  fail "a spoilt model was not read"
-fi
-grep -q "$prefix/lib/b4mrl/models/hopper.xml" "$folder/log" || fail "$(cat "$folder/log")"
+# The tasks' models are parts of the program, whatever an upgrade does to the files of a running one.
+echo "no model" >"$prefix/lib/b4mrl/models/half_cheetah.xml"
+"$b4mrl" dataset make HalfCheetah/medium --rows 100 --replace --quiet >/dev/null || fail "a spoilt file of a model was read"
+# Whose agents it reads shows when one is missing.
 rm "$prefix/lib/b4mrl/agents/halfcheetah-medium.h5"
 if "$b4mrl" dataset make HalfCheetah/medium --rows 100 --quiet 2>"$folder/log"; then
   fail "a missing agent was not missed"
