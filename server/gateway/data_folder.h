@@ -17,7 +17,7 @@ class DataFolder {
   explicit DataFolder(const std::string& path);
 
   const std::string& path() const { return path_; }  // absolute
-  // FolderIdentity: 0 if there is no such folder. Waits for the answer for at most kPatienceMs, and
+  // FolderIdentity: 0 if there is no such folder. Waits for the answer for at most 0.1 s, and
   // not at all while an earlier look has none; then it is that of the last look.
   uint64_t Identity();
   // Has `work` done on the folder's thread; false while earlier work is not done.

@@ -25,6 +25,9 @@ constexpr size_t kMessageBytes = 1000;
 Result<LoadedModel> CompileOwnModel(const std::string& file_name) {
   InstallMujocoHandlers();
   const std::string_view bytes = OwnModel(file_name);
+  if (bytes.empty()) {
+    return Status(StatusCode::kInternal, fmt::format("the program has no model {}", file_name));
+  }
   const auto files = std::make_unique<mjVFS>();  // of megabytes
   mj_defaultVFS(files.get());
   if (mj_makeEmptyFileVFS(files.get(), file_name.c_str(), static_cast<int>(bytes.size())) != 0) {

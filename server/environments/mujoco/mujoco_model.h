@@ -58,7 +58,7 @@ Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const Mo
 // `adapt`. Then the perturbations apply (setup.change_model), unless they draw numbers anew for
 // each episode. The task's own model is OwnModel(file_name), compiled on first use and kept until
 // the process ends. kIoError or kDataLoss when a file cannot be read or compiled, kInvalidArgument
-// when the user's model does not fit the task.
+// when the user's model does not fit the task, kInternal if the program has no such model.
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt = {});
 
