@@ -78,8 +78,8 @@ Result<const EnvironmentEntry*> FindEnvironment(std::string_view name);
 // The environment's specification under its default configuration.
 Result<EnvironmentSpec> DescribeEnvironment(std::string_view name);
 
-// The folder of the tasks' own MJCF files, and of users' files unless another folder is given: the
-// installed one, else data/models of the checkout.
+// The folder of users' MJCF files unless another one is given, which holds the tasks' own as a
+// start: the installed one, else data/models of the checkout.
 std::string DefaultModelsFolder();
 
 }  // namespace b4mrl

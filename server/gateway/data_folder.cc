@@ -12,6 +12,8 @@ namespace b4mrl {
 namespace {
 
 constexpr int64_t kPatienceMs = 100;  // answers of folders that do answer take microseconds
+// Without any answer yet, there is none to give instead; and a machine is busy where daemons start.
+constexpr int64_t kFirstPatienceMs = 500;
 
 std::string Absolute(const std::string& folder) {
   std::error_code error;
@@ -25,11 +27,23 @@ struct DataFolder::State {
   std::mutex mutex;
   std::condition_variable done;
   bool is_busy = false;
+  bool is_known = false;
   uint64_t identity = 0;
 };
 
 DataFolder::DataFolder(const std::string& path)
-    : path_(Absolute(path)), state_(std::make_shared<State>()) {}
+    : path_(Absolute(path)), state_(std::make_shared<State>()) {
+  TryRun(Look());
+}
+
+std::function<void()> DataFolder::Look() const {
+  return [state = state_, path = path_] {
+    const uint64_t identity = FolderIdentity(path);
+    const std::lock_guard lock(state->mutex);
+    state->identity = identity;
+    state->is_known = true;
+  };
+}
 
 bool DataFolder::TryRun(std::function<void()> work) {
   thread_.RunCompletions();
@@ -60,14 +74,11 @@ bool DataFolder::AwaitIdle(const Deadline& deadline) {
 }
 
 uint64_t DataFolder::Identity() {
-  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
-  const auto look = [state = state_, path = path_] {
-    const uint64_t identity = FolderIdentity(path);
-    const std::lock_guard lock(state->mutex);
-    state->identity = identity;
-  };
-  if (AwaitIdle(deadline) && TryRun(look)) AwaitIdle(deadline);
-  const std::lock_guard lock(state_->mutex);
+  std::unique_lock lock(state_->mutex);
+  const Deadline deadline = Deadline::AfterMs(state_->is_known ? kPatienceMs : kFirstPatienceMs);
+  lock.unlock();
+  if (AwaitIdle(deadline) && TryRun(Look())) AwaitIdle(deadline);
+  lock.lock();
   return state_->identity;
 }
 

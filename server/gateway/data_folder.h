@@ -17,14 +17,16 @@ class DataFolder {
   explicit DataFolder(const std::string& path);
 
   const std::string& path() const { return path_; }  // absolute
-  // FolderIdentity: 0 if there is no such folder. Waits for the answer for at most 0.1 s, and
-  // not at all while an earlier look has none; then it is that of the last look.
+  // FolderIdentity: 0 if there is no such folder, or if it has not answered yet. Waits for the
+  // answer for 0.1 s, for the first one 0.5 s, and not at all while an earlier look has none; then
+  // it is that of the last look.
   uint64_t Identity();
   // Has `work` done on the folder's thread; false while earlier work is not done.
   bool TryRun(std::function<void()> work);
 
  private:
   struct State;
+  std::function<void()> Look() const;
   // Whether all work is done, or is by then; later calls do not wait for what was late once.
   bool AwaitIdle(const Deadline& deadline);
 

@@ -105,8 +105,7 @@ std::string ModelCacheFolder(const std::string& data_folder) {
   return CacheRoot(data_folder) + "/models";
 }
 
-ModelStore::ModelStore(Options options)
-    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {}
+ModelStore::ModelStore(Options options) : options_(std::move(options)) {}
 
 bool ModelStore::MarkAsUsed(const std::string& path) {
   return utimensat(AT_FDCWD, path.c_str(), nullptr, 0) == 0;
@@ -114,21 +113,24 @@ bool ModelStore::MarkAsUsed(const std::string& path) {
 
 Result<std::string> ModelStore::Compile(const std::string& environment, const std::string& file,
                                         const std::atomic<bool>& cancelled) {
-  const auto path_of = [this](const Result<std::string>& hash) {
-    return hash.ok() ? CompiledModelPath(cache_folder_, *hash) : hash;
+  const std::string cache_folder = ModelCacheFolder(options_.data_folder);
+  const auto path_of = [&](const Result<std::string>& hash) {
+    return hash.ok() ? CompiledModelPath(cache_folder, *hash) : hash;
   };
   const std::optional<uint64_t> content = ContentOf(options_.models_folder, file);
   if (content) {
-    if (const auto known = Recall(environment, file, *content)) return path_of(*known);
+    const auto known = Recall(environment, file, *content);
+    // It may have made room for others meanwhile.
+    if (known && (!known->ok() || MarkAsUsed(*path_of(*known)))) return path_of(*known);
   }
   B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options_.data_folder));
-  B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder_));
+  B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder));
   const Result<std::string> hash = CompileModelInChild(
-      options_.program, {options_.models_folder, file, environment, cache_folder_},
+      options_.program, {options_.models_folder, file, environment, cache_folder},
       Deadline::AfterMs(limits::kModelCompilerMs), &cancelled);
   if (hash.ok()) {
-    MarkAsUsed(CompiledModelPath(cache_folder_, *hash));
-    MakeRoom(cache_folder_);
+    MarkAsUsed(CompiledModelPath(cache_folder, *hash));
+    MakeRoom(cache_folder);
   }
   // Changed while it was compiled: the next request compiles again.
   if (content && IsLasting(hash) && ContentOf(options_.models_folder, file) == content) {
@@ -142,9 +144,7 @@ std::optional<Result<std::string>> ModelStore::Recall(const std::string& environ
   const std::lock_guard lock(mutex_);
   const auto known = known_.find({environment, file});
   if (known == known_.end() || known->second.content != content) return std::nullopt;
-  const Result<std::string>& hash = known->second.hash;
-  if (hash.ok() && !MarkAsUsed(CompiledModelPath(cache_folder_, *hash))) return std::nullopt;
-  return hash;
+  return known->second.hash;
 }
 
 void ModelStore::Remember(const std::string& environment, const std::string& file, Known known) {

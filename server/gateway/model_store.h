@@ -32,6 +32,7 @@ class ModelStore {
     std::string data_folder;
     std::string program = "/proc/self/exe";  // knows `--role model-compiler`
   };
+  // Looks at no folder: one on a network may not answer.
   explicit ModelStore(Options options);
 
   // The path of the compiled model of `file` for `environment`. Where it is not known yet, waits
@@ -52,7 +53,6 @@ class ModelStore {
   void Remember(const std::string& environment, const std::string& file, Known known);
 
   const Options options_;
-  const std::string cache_folder_;
   std::mutex mutex_;
   // By environment and file; at most limits::kMaxCompiledModels.
   std::map<std::pair<std::string, std::string>, Known> known_;

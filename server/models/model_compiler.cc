@@ -87,10 +87,6 @@ Result<std::string> CompileInSandbox(const ModelCompilerOptions& options) {
   B4MRL_RETURN_IF_ERROR(CheckFile(options));
   SandboxOptions sandbox;
   sandbox.readable_paths = {options.models_folder};
-  // For the task's own model, which the user's model is compared with.
-  if (access(DefaultModelsFolder().c_str(), F_OK) == 0) {
-    sandbox.readable_paths.push_back(DefaultModelsFolder());
-  }
   sandbox.writable_folder = options.cache_folder;
   sandbox.memory_bytes = limits::kMaxModelCompilerBytes;
   sandbox.cpu_seconds = limits::kMaxModelCompilerSeconds;

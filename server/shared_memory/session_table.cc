@@ -97,7 +97,7 @@ void SessionTable::Reap(int64_t abandoned_ms) {
 
 uint32_t SessionTable::LeastLoadedWorker() const {
   struct Load {
-    bool is_down = false;  // a worker that dies again and again, for want of threads say, has none
+    bool is_down = false;  // it has no sessions while it dies again and again, and would get all
     uint32_t lanes = 0;
     uint32_t sessions = 0;
     auto operator<=>(const Load&) const = default;

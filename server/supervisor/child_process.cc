@@ -26,6 +26,9 @@ constexpr int64_t kLongestBackOffMs = 5'000;
 // Loading the libraries, or adopting one session, may take this long.
 constexpr int64_t kStartingMs = 20'000;
 constexpr int64_t kMemoryLookMs = 200;
+constexpr int64_t kRemainsLookMs = 1'000;
+constexpr int kCertainRemains = 3;  // looks: an ended process is waited for in milliseconds
+constexpr int64_t kAbandonedBackOffMs = 60'000;
 
 // Runs in the forked child until exec: async-signal-safe calls only.
 [[noreturn]] void BecomeChild(pid_t supervisor, const std::vector<int>& kept_fds,
@@ -73,6 +76,7 @@ Status ChildProcess::Start() {
   process_id_ = child;
   record.process_id.store(child);
   killed_as_frozen_ = false;
+  remains_ = 0;
   started_ms_ = MonotonicMs();
   RestartWatches(started_ms_);
   beat_at_start_ = record.heartbeat.load();
@@ -82,21 +86,42 @@ Status ChildProcess::Start() {
 std::optional<Death> ChildProcess::Reap() {
   int wait_status = 0;
   if (!running() || waitpid(process_id_, &wait_status, WNOHANG) != process_id_) return std::nullopt;
-  process_id_ = 0;
-  ChildRecord& record = shared_->child(child_);
-  record.process_id.store(0);
   last_exit_code_ = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
-  if (!ready()) ++deaths_before_ready_;
-  const bool killed = WIFSIGNALED(wait_status) && WTERMSIG(wait_status) == SIGKILL;
-  const Death death = killed_as_frozen_ ? Death::kFrozen
-                      : killed          ? Death::kKilled
-                                        : Death::kCrashed;
-  ScheduleRestart(death);
-  if (!killed_as_frozen_ && !shared_->header().draining.load()) {
+  const bool was_frozen = killed_as_frozen_;
+  const Death death = TakeLeave(WIFSIGNALED(wait_status) && WTERMSIG(wait_status) == SIGKILL);
+  if (!was_frozen && !shared_->header().draining.load()) {
     spdlog::warn("{} ended ({} {})", ChildName(child_),
                  WIFSIGNALED(wait_status) ? "signal" : "exit code",
                  WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : last_exit_code_);
   }
+  return death;
+}
+
+std::optional<Death> ChildProcess::AbandonRemains(int64_t now_ms) {
+  if (!running() || now_ms < next_remains_look_ms_) return std::nullopt;
+  next_remains_look_ms_ = now_ms + kRemainsLookMs;
+  remains_ = killed_as_frozen_ || HasOnlyRemains(process_id_) ? remains_ + 1 : 0;
+  if (remains_ < kCertainRemains) return std::nullopt;
+  spdlog::error(
+      "{} (process {}) was killed, does not end and is abandoned: does its file system "
+      "answer?",
+      ChildName(child_), process_id_);
+  last_exit_code_ = -1;
+  const bool was_ready = ready();
+  const Death death = TakeLeave(/*was_killed=*/true);
+  // The next one is likely to stay as well.
+  if (!was_ready) restart_at_ms_ = now_ms + kAbandonedBackOffMs;
+  return death;
+}
+
+Death ChildProcess::TakeLeave(bool was_killed) {
+  process_id_ = 0;
+  shared_->child(child_).process_id.store(0);
+  if (!ready()) ++deaths_before_ready_;
+  const Death death = killed_as_frozen_ ? Death::kFrozen
+                      : was_killed      ? Death::kKilled
+                                        : Death::kCrashed;
+  ScheduleRestart(death);
   return death;
 }
 
@@ -141,7 +166,7 @@ bool ChildProcess::FindFrozenLoop(int64_t now_ms, int64_t limit_ms) {
   const Verdict verdict = Judge(*silence, limit_ms);
   if (verdict == Verdict::kPatience) {
     if (!starvation_logged_) {
-      spdlog::warn("{} has waited {} ms for a processor: the machine is overloaded",
+      spdlog::warn("{} has waited {} ms for a processor or a disk: the machine is overloaded",
                    ChildName(child_), silence->ms - silence->processor_ms);
       starvation_logged_ = true;
     }
@@ -169,7 +194,7 @@ bool ChildProcess::FindStuckWork(int64_t now_ms, int64_t limit_ms) {
 }
 
 void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
-  if (!running() || killed_as_frozen_) return;
+  if (!running() || killed_as_frozen_ || remains_ > 0) return;
   if (paused) return RestartWatches(now_ms);
   const int64_t limit_ms = ready() ? limits::kFrozenChildMs : kStartingMs;
   if (!FindStuckWork(now_ms, limit_ms) && !FindFrozenLoop(now_ms, limit_ms)) return;

@@ -31,6 +31,9 @@ class ChildProcess {
 
   // Reaps the process if it has ended, and says how it ended.
   std::optional<Death> Reap();
+  // Takes the process for ended if it was killed and yet does not end, since its file system does
+  // not answer: it does nothing more, and another one can be started.
+  std::optional<Death> AbandonRemains(int64_t now_ms);
   // Kills the process when it has had no heartbeat, or one of its threads has been at one piece of
   // work, for limits::kFrozenChildMs (20 s while it starts, and anew for each session that it
   // adopts). Time in which a thread waits for a processor is not counted. A thread that stands
@@ -50,6 +53,8 @@ class ChildProcess {
   int last_exit_code() const { return last_exit_code_; }
 
  private:
+  // What is to be done when the process has ended.
+  Death TakeLeave(bool was_killed);
   void ScheduleRestart(Death death);
   void RestartWatches(int64_t now_ms);
   // Whether the main loop has had no heartbeat for `limit_ms`; marks its thread as guilty if it
@@ -69,6 +74,8 @@ class ChildProcess {
   std::vector<ThreadWatch> work_;   // one for each thread of an environment worker
   bool starvation_logged_ = false;  // since the last heartbeat
   int64_t next_memory_look_ms_ = 0;
+  int64_t next_remains_look_ms_ = 0;
+  int remains_ = 0;  // looks in a row that found nothing else
   int64_t started_ms_ = 0;
   int64_t restart_at_ms_ = 0;
   uint32_t young_deaths_ = 0;  // deaths in a row soon after a start

@@ -42,6 +42,13 @@ std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread) {
                         .stopped = state == 'T' || state == 't'};
 }
 
+bool HasOnlyRemains(pid_t process) {
+  std::string line;
+  std::getline(std::ifstream(fmt::format("/proc/{}/stat", process)), line);
+  const size_t name_end = line.rfind(") ");
+  return name_end != std::string::npos && line.substr(name_end + 2).starts_with('Z');
+}
+
 uint64_t OwnMemoryBytes(pid_t process) {
   std::ifstream file(fmt::format("/proc/{}/statm", process));
   uint64_t size = 0, resident = 0, shared = 0;

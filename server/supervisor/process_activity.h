@@ -20,6 +20,10 @@ struct ThreadActivity {
 // nullopt when there is no such thread.
 std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread);
 
+// Whether the process has ended but for threads that the system cannot end, as their file system
+// does not answer. True for a moment, too, of one that is not waited for yet.
+bool HasOnlyRemains(pid_t process);
+
 // Whether any thread of the process wants a processor. False when that cannot be found out.
 bool WantsProcessor(pid_t process);
 

@@ -44,7 +44,7 @@ class Supervisor {
 
  private:
   void StartDueChildren(int64_t now_ms);
-  void ReapChildren();
+  void ReapChildren(int64_t now_ms);
   // False when the daemon cannot start, because a child has refused to.
   bool AnnounceWhenReady(int64_t now_ms);
   void BeginDrain(int64_t now_ms);
@@ -96,9 +96,10 @@ void Supervisor::StartDueChildren(int64_t now_ms) {
   }
 }
 
-void Supervisor::ReapChildren() {
+void Supervisor::ReapChildren(int64_t now_ms) {
   for (ChildProcess& child : children_) {
-    const std::optional<Death> death = child.Reap();
+    std::optional<Death> death = child.Reap();
+    if (!death) death = child.AbandonRemains(now_ms);
     if (death && child.child() >= kFirstWorkerChild) {
       BlameDeath(shared_, child.child() - kFirstWorkerChild, *death);
     }
@@ -128,14 +129,16 @@ bool Supervisor::AnnounceWhenReady(int64_t now_ms) {
     }
     // Clients are served, too, where nobody reads this: it is no fault at the daemon's end.
     if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) std::clearerr(stdout);
-    TellServiceManager("READY=1");
+    if (!TellServiceManager("READY=1")) {
+      spdlog::warn("systemd cannot be told that the daemon is ready (NOTIFY_SOCKET)");
+    }
   }
   return true;
 }
 
 void Supervisor::BeginDrain(int64_t now_ms) {
   spdlog::info("draining");
-  TellServiceManager("STOPPING=1");
+  (void)TellServiceManager("STOPPING=1");
   draining_ = true;
   drain_end_ms_ = now_ms + limits::kDrainMs;
   shared_.header().draining.store(true);
@@ -181,7 +184,7 @@ int Supervisor::Run(int signal_fd) {
     const int64_t tick_ms = MonotonicMs();
     const bool paused = tick_ms - last_tick_ms > kPausedMs;
     last_tick_ms = tick_ms;
-    ReapChildren();
+    ReapChildren(tick_ms);
     int terminations = ReadSignals(signal_fd);
     if (terminations > 0 && !draining_) BeginDrain(tick_ms);
     if (tick_ms < drain_end_ms_ - limits::kDrainMs + kSameWishMs) terminations = 0;

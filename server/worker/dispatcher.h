@@ -48,7 +48,8 @@ class Dispatcher {
   // Answers the requests that the pool has finished.
   void FinishCompleted();
   // Ends sessions whose lease has run out at `now_ms`. To be called every kReapIntervalMs: in the
-  // time by which a call is late the process stood still, and no lease runs.
+  // time by which a call is late, if it is more than a second, the process stood still, and no
+  // lease runs.
   void ReapIdleSessions(int64_t now_ms);
 
   // From now on new work is answered with kUnavailable, and so are Attaches that wait.

@@ -1,7 +1,9 @@
 // `b4mrl serve` as a command: what its flags and signals do. bad_input_test has what it refuses.
 #include <poll.h>
 #include <signal.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -103,6 +105,42 @@ TEST_CASE("SIGTERM, SIGINT, SIGQUIT and SIGHUP end the daemon with code 0, SIGUS
   const siginfo_t end = AwaitEnd(daemon);
   REQUIRE(end.si_code == CLD_EXITED);
   REQUIRE(end.si_status == 0);
+}
+
+TEST_CASE("systemd is told when the daemon is ready and when it stops") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("notify");
+  const UniqueFd manager(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  REQUIRE(path.size() < sizeof(address.sun_path));
+  path.copy(address.sun_path, path.size());
+  REQUIRE(bind(manager.get(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0);
+  const auto received = [&] {
+    char text[100];
+    const ssize_t size = recv(manager.get(), text, sizeof(text), MSG_DONTWAIT);
+    return size < 0 ? "" : std::string(text, static_cast<size_t>(size));
+  };
+  const PrivateDaemon daemon =
+      StartDaemon({.arguments = {"--workers", "1"}, .environment = {"NOTIFY_SOCKET=" + path}});
+  RequireOk(WaitUntilReady(manager.get(), POLLIN, Deadline::AfterMs(30'000)));
+  CHECK(received() == "READY=1");
+  CHECK(received() == "");
+  REQUIRE(kill(daemon.process_id(), SIGTERM) == 0);
+  AwaitEnd(daemon);
+  CHECK(received() == "STOPPING=1");
+}
+
+TEST_CASE("Every process of the daemon has a name of its own") {
+  const PrivateDaemon daemon = Start({"--workers", "2"});
+  const pb::ServerStatusReply status = *Connect(daemon.endpoint()).ServerStatus();
+  std::set<std::string> names;
+  for (const pb::WorkerStatus& process : status.workers()) {
+    names.insert(ReadBytes("/proc/" + std::to_string(process.process_id()) + "/comm"));
+  }
+  // The system keeps 15 characters.
+  CHECK(names == std::set<std::string>{"b4mrl-gateway\n", "b4mrl-dataset-w\n", "b4mrl-worker-0\n",
+                                       "b4mrl-worker-1\n"});
 }
 
 // Changes how this process, and what it starts meanwhile, answers a signal.

@@ -54,6 +54,8 @@ class OpeningsFixture {
                        answers[{to.peer, to.request_id}].push_back(opened.status());
                      });
   }
+  SharedState& state() { return state_; }
+
   CompilerScript script;
   std::unique_ptr<FakeServer> worker;  // the one that was started last
   std::optional<Openings> openings;

@@ -44,6 +44,21 @@ TEST_CASE("A session for which a worker lacks memory goes to the next, until all
   CHECK(fixture.AnswerTo("client", 2) == StatusCode::kLimitExceeded);
 }
 
+TEST_CASE("A session that a worker refuses for memory goes to no worker that is down") {
+  OpeningsFixture fixture(/*worker_count=*/3);
+  for (const uint32_t running : {0u, 2u}) {
+    fixture.state().child(kFirstWorkerChild + running).process_id = 1;
+  }
+  std::unique_ptr<FakeServer> first = fixture.WorkerOf(0), third = fixture.WorkerOf(2);
+  fixture.worker = std::move(first);
+  fixture.Ask("client", Open(1, Token(1)));
+  fixture.Refuse(fixture.TakeAttach());
+  std::swap(fixture.worker, third);
+  fixture.Refuse(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kLimitExceeded);
+}
+
 TEST_CASE("A copy of an Open joins it, and another Open of its id is refused") {
   OpeningsFixture fixture;
   fixture.StartWorker();

@@ -1,10 +1,12 @@
 #include "server/supervisor/process_activity.h"
 
 #include <signal.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <thread>
 
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
@@ -129,6 +131,19 @@ TEST_CASE(
     CHECK_FALSE(watch.Look(7, busy.id(), busy.id(), 2'100));
     CHECK(watch.Look(7, busy.id(), busy.id(), 3'050)->ms == 1'000);
   }
+}
+
+TEST_CASE("A process of which a thread goes on after its end has only remains") {
+  const Child whole([] { pause(); });
+  CHECK_FALSE(HasOnlyRemains(whole.id()));
+  const Child ended([] {
+    std::thread([] { pause(); }).detach();
+    syscall(SYS_exit, 0);  // ends this thread alone
+  });
+  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  while (!HasOnlyRemains(ended.id())) REQUIRE_FALSE(deadline.expired());
+  CHECK(waitpid(ended.id(), nullptr, WNOHANG) == 0);  // it cannot be waited for
+  CHECK_FALSE(HasOnlyRemains(INT32_MAX));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <sys/socket.h>
 #include <sys/un.h>
+#include <unistd.h>
 
 #include <array>
 #include <catch2/catch.hpp>
@@ -41,16 +42,26 @@ TEST_CASE("systemd is told the daemon's state at the socket that it names") {
   for (const std::string& name : {folder.File("notify"), "@b4mrl-test" + folder.path()}) {
     const UniqueFd manager = ListenAt(name);
     setenv("NOTIFY_SOCKET", name.c_str(), 1);
-    TellServiceManager("READY=1");
+    CHECK(TellServiceManager("READY=1"));
     CHECK(ReceivedBy(manager) == "READY=1");
     CHECK(ReceivedBy(manager) == "");
+    // The variables of a service that has started this process are none of its business.
+    setenv("SYSTEMD_EXEC_PID", std::to_string(getppid()).c_str(), 1);
+    CHECK(TellServiceManager("READY=1"));
+    CHECK(ReceivedBy(manager) == "");
+    setenv("SYSTEMD_EXEC_PID", std::to_string(getpid()).c_str(), 1);
+    CHECK(TellServiceManager("STOPPING=1"));
+    CHECK(ReceivedBy(manager) == "STOPPING=1");
+    unsetenv("SYSTEMD_EXEC_PID");
   }
-  for (const std::string& name : {std::string(""), std::string(200, 'x'), folder.File("nobody")}) {
+  for (const std::string& name : {std::string(200, 'x'), folder.File("nobody")}) {
     setenv("NOTIFY_SOCKET", name.c_str(), 1);
-    TellServiceManager("READY=1");  // goes nowhere
+    CHECK_FALSE(TellServiceManager("READY=1"));
   }
+  setenv("NOTIFY_SOCKET", "", 1);
+  CHECK(TellServiceManager("READY=1"));
   unsetenv("NOTIFY_SOCKET");
-  TellServiceManager("READY=1");
+  CHECK(TellServiceManager("READY=1"));
 }
 
 }  // namespace

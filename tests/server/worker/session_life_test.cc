@@ -331,7 +331,7 @@ TEST_CASE("No lease runs while the worker stands still") {
   worker.Open(1);
   int64_t now = MonotonicMs();
   worker.dispatcher().ReapIdleSessions(now);
-  now += 10 * kLeaseMs;  // the machine was suspended
+  now += 10 * kLeaseMs;  // the container was paused
   worker.dispatcher().ReapIdleSessions(now);
   CHECK(worker.dispatcher().session_count() == 1);
   int64_t idle = 0;
