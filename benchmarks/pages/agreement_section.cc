@@ -195,27 +195,20 @@ Table PairsTable(const std::vector<PairOrder>& pairs) {
                    {"Pairs of runs", true}, {"Pairs reversed", true},
                    {"Separated", true},     {"Separated and reversed", true},
                    {"Apart in both", true}, {"Apart and reversed", true}};
+  constexpr size_t PairOrder::*kCounts[] = {&PairOrder::rankings,  &PairOrder::reversed,
+                                            &PairOrder::runs,      &PairOrder::reversed_runs,
+                                            &PairOrder::separated, &PairOrder::reversed_separated,
+                                            &PairOrder::apart,     &PairOrder::reversed_apart};
   PairOrder all = {"all", ""};
   for (const PairOrder& pair : pairs) {
-    all.rankings += pair.rankings;
-    all.reversed += pair.reversed;
-    all.runs += pair.runs;
-    all.reversed_runs += pair.reversed_runs;
-    all.separated += pair.separated;
-    all.reversed_separated += pair.reversed_separated;
-    all.apart += pair.apart;
-    all.reversed_apart += pair.reversed_apart;
+    for (const auto count : kCounts) all.*count += pair.*count;
   }
   std::vector<PairOrder> rows = pairs;
   std::ranges::stable_sort(rows, std::ranges::greater(), &PairOrder::reversed);
   if (!rows.empty()) rows.push_back(all);
   for (const PairOrder& pair : rows) {
     std::vector<std::string> row = {DisplayName(pair.one), DisplayName(pair.other)};
-    for (const size_t count :
-         {pair.rankings, pair.reversed, pair.runs, pair.reversed_runs, pair.separated,
-          pair.reversed_separated, pair.apart, pair.reversed_apart}) {
-      row.push_back(fmt::format("{}", count));
-    }
+    for (const auto count : kCounts) row.push_back(fmt::format("{}", pair.*count));
     table.rows.push_back(std::move(row));
   }
   return table;

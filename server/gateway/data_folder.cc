@@ -3,6 +3,7 @@
 #include <condition_variable>
 #include <filesystem>
 #include <mutex>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -27,8 +28,7 @@ struct DataFolder::State {
   std::mutex mutex;
   std::condition_variable done;
   bool is_busy = false;
-  bool is_known = false;
-  uint64_t identity = 0;
+  std::optional<uint64_t> identity;  // nothing before the first answer
 };
 
 DataFolder::DataFolder(const std::string& path)
@@ -41,7 +41,6 @@ std::function<void()> DataFolder::Look() const {
     const uint64_t identity = FolderIdentity(path);
     const std::lock_guard lock(state->mutex);
     state->identity = identity;
-    state->is_known = true;
   };
 }
 
@@ -75,11 +74,11 @@ bool DataFolder::AwaitIdle(const Deadline& deadline) {
 
 uint64_t DataFolder::Identity() {
   std::unique_lock lock(state_->mutex);
-  const Deadline deadline = Deadline::AfterMs(state_->is_known ? kPatienceMs : kFirstPatienceMs);
+  const Deadline deadline = Deadline::AfterMs(state_->identity ? kPatienceMs : kFirstPatienceMs);
   lock.unlock();
   if (AwaitIdle(deadline) && TryRun(Look())) AwaitIdle(deadline);
   lock.lock();
-  return state_->identity;
+  return state_->identity.value_or(0);
 }
 
 }  // namespace b4mrl

@@ -119,9 +119,11 @@ Result<std::string> ModelStore::Compile(const std::string& environment, const st
   };
   const std::optional<uint64_t> content = ContentOf(options_.models_folder, file);
   if (content) {
-    const auto known = Recall(environment, file, *content);
-    // It may have made room for others meanwhile.
-    if (known && (!known->ok() || MarkAsUsed(*path_of(*known)))) return path_of(*known);
+    if (const auto known = Recall(environment, file, *content)) {
+      const Result<std::string> path = path_of(*known);
+      // The model may have made room for others meanwhile.
+      if (!path.ok() || MarkAsUsed(*path)) return path;
+    }
   }
   B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options_.data_folder));
   B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder));

@@ -232,14 +232,10 @@ bool Openings::MoveOn(uint64_t generation, Attach* attach) {
   const bool is_opening =
       record.generation == generation && record.state() == SessionState::kOpening;
   if (!is_opening) return false;
-  const auto is_down = [this](uint32_t worker) {
-    return shared_.child(kFirstWorkerChild + worker).process_id == 0;
-  };
-  const bool all_are_down = is_down(attach->worker);  // as in tests without processes
   do {
     if (++attach->refusals >= workers_.size()) return false;
     attach->worker = (attach->worker + 1) % static_cast<uint32_t>(workers_.size());
-  } while (!all_are_down && is_down(attach->worker));
+  } while (shared_.worker_is_down(attach->worker));
   record.worker.store(attach->worker);
   unsent_.insert(generation);
   return true;

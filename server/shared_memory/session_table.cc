@@ -104,7 +104,7 @@ uint32_t SessionTable::LeastLoadedWorker() const {
   };
   std::vector<Load> load(shared_.worker_count());
   for (uint32_t worker = 0; worker < load.size(); ++worker) {
-    load[worker].is_down = shared_.child(kFirstWorkerChild + worker).process_id == 0;
+    load[worker].is_down = shared_.worker_is_down(worker);
   }
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);

@@ -172,6 +172,10 @@ class SharedState {
   uint32_t worker_count() const;
   // The caller checks indices: each is below its array's size, `lane` below limits::kMaxLanes.
   ChildRecord& child(uint32_t index) const { return memory_->children[index]; }
+  // Whether the environment worker of this number has no process at the moment.
+  bool worker_is_down(uint32_t worker) const {
+    return child(kFirstWorkerChild + worker).process_id == 0;
+  }
   std::span<ThreadMark> marks(uint32_t worker) const { return memory_->marks[worker]; }
   SessionRecord& session(uint32_t index) const { return memory_->sessions[index]; }
   LedgerRecord& ledger(uint32_t index) const { return memory_->ledgers[index]; }

@@ -87,9 +87,8 @@ std::optional<Death> ChildProcess::Reap() {
   int wait_status = 0;
   if (!running() || waitpid(process_id_, &wait_status, WNOHANG) != process_id_) return std::nullopt;
   last_exit_code_ = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
-  const bool was_frozen = killed_as_frozen_;
   const Death death = TakeLeave(WIFSIGNALED(wait_status) && WTERMSIG(wait_status) == SIGKILL);
-  if (!was_frozen && !shared_->header().draining.load()) {
+  if (death != Death::kFrozen && !shared_->header().draining.load()) {
     spdlog::warn("{} ended ({} {})", ChildName(child_),
                  WIFSIGNALED(wait_status) ? "signal" : "exit code",
                  WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : last_exit_code_);

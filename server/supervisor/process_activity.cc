@@ -39,14 +39,13 @@ std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread) {
   static const int64_t ticks_per_second = sysconf(_SC_CLK_TCK);
   return ThreadActivity{.processor_ms = (user_ticks + system_ticks) * 1'000 / ticks_per_second,
                         .wants_processor = state == 'R' || state == 'D',
-                        .stopped = state == 'T' || state == 't'};
+                        .stopped = state == 'T' || state == 't',
+                        .ended = state == 'Z'};
 }
 
 bool HasOnlyRemains(pid_t process) {
-  std::string line;
-  std::getline(std::ifstream(fmt::format("/proc/{}/stat", process)), line);
-  const size_t name_end = line.rfind(") ");
-  return name_end != std::string::npos && line.substr(name_end + 2).starts_with('Z');
+  const std::optional<ThreadActivity> first = LookAtThread(process, process);
+  return first && first->ended;
 }
 
 uint64_t OwnMemoryBytes(pid_t process) {

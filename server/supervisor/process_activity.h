@@ -16,6 +16,7 @@ struct ThreadActivity {
   // it stopped.
   bool wants_processor = false;
   bool stopped = false;  // by SIGSTOP or a debugger
+  bool ended = false;
 };
 // nullopt when there is no such thread.
 std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread);

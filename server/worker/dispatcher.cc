@@ -267,8 +267,8 @@ void Dispatcher::EndSession(Session* session) {
 }
 
 void Dispatcher::ReapIdleSessions(int64_t now_ms) {
-  // While this process stood still (SIGSTOP, a container that was paused), no
-  // request could come to it: those that waited meanwhile are only read after this.
+  // While this process stood still (SIGSTOP, a container that was paused), no request could come to
+  // it: those that waited meanwhile are only read after this.
   const int64_t stood_still_ms = reaped_ms_ == 0 ? 0 : now_ms - reaped_ms_ - kReapIntervalMs;
   reaped_ms_ = now_ms;
   if (stood_still_ms > kPausedMs) {

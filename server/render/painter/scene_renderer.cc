@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
-#include <filesystem>
-#include <system_error>
 
 #include "proto/base/child_program.h"
 
@@ -79,11 +77,10 @@ void SceneRenderer::KeepShaders() {
     setenv("MESA_SHADER_CACHE_DISABLE", "true", 0);
     return;
   }
+  const FolderRemover remover(*folder);
   setenv("MESA_SHADER_CACHE_DIR", folder->c_str(), 0);
   setenv("MESA_DISK_CACHE_SINGLE_FILE", "true", 0);
   OffscreenContext().MakeCurrent();  // opens the files
-  std::error_code ignored;
-  std::filesystem::remove_all(*folder, ignored);
 }
 
 SceneRenderer::SceneRenderer(uint32_t width, uint32_t height)

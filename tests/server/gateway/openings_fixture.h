@@ -46,6 +46,7 @@ class OpeningsFixture {
       : state_(Take(SharedState::Create(worker_count, 1'000))) {
     std::vector<DealerSocket> workers;
     for (uint32_t i = 0; i < worker_count; ++i) {
+      state_.child(kFirstWorkerChild + i).process_id = 1;
       workers.push_back(Take(DealerSocket::Connect(sockets_, folder_.Address(NameOf(i)))));
     }
     const Openings::Options options{script.options(), {{.tcp = 7701, .ipc = ""}}};
