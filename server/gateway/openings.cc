@@ -50,7 +50,7 @@ void Openings::Open(const Asker& from, const pb::Request& request) {
   const std::string& token = request.session_token();
   const uint64_t contents = HashOf(request.open());
   const Result<bool> is_copy = IsCopy(from, token, contents);
-  if (is_copy.ok() && *is_copy) return;
+  if (is_copy.ok() && *is_copy) return AskAgain(from);
   Status status = is_copy.ok() ? Admit(from) : is_copy.status();
   if (!status.ok()) return reply_(from, status);
   const uint64_t number = Enter(from, request, contents);
@@ -88,6 +88,11 @@ Result<bool> Openings::IsCopy(const Asker& from, const std::string& token,
   const Waiting& waiting = waiting_.at(number->second);
   if (waiting.token == token && waiting.contents == contents) return true;
   return OtherContents(from.request_id);
+}
+
+void Openings::AskAgain(const Asker& from) {
+  const uint64_t generation = waiting_.at(peers_.at(from.peer).at(from.request_id)).generation;
+  if (attaches_.contains(generation)) unsent_.insert(generation);
 }
 
 Status Openings::Admit(const Asker& from) const {

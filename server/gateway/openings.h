@@ -79,7 +79,8 @@ class Openings {
     uint64_t generation = 0;  // of the record; 0 while it has no record
   };
   // The request to a worker to attach itself to a record. It is kept until the worker answers, even
-  // when no Open waits any more, so that another Open of that token does not ask a second time.
+  // when no Open waits any more, so that another Open of that token does not ask a second time; a
+  // copy of an Open does.
   struct Attach {
     uint32_t session_index = 0;
     uint32_t worker = 0;
@@ -95,6 +96,9 @@ class Openings {
   Status Admit(const Asker& from) const;
   // Whether this Open of `from` waits already. kInvalidArgument if another one with its id does.
   Result<bool> IsCopy(const Asker& from, const std::string& token, uint64_t contents) const;
+  // Of an Open that waits: a worker drops an answer for which it has no room, as it does those of
+  // clients, and then only hears of it by a copy.
+  void AskAgain(const Asker& from);
   uint64_t Enter(const Asker& from, const pb::Request& request, uint64_t contents);
   // The next steps of Open `number`; an error ends the Open.
   Status CompileModel(uint64_t number, const pb::Request& request, const std::string& file);

@@ -145,6 +145,18 @@ TEST_CASE("A worker is not asked again for what it has not answered yet") {
   CHECK_FALSE(fixture.worker->Take(50).has_value());
 }
 
+TEST_CASE(
+    "A worker is asked again by a copy of the Open, since its answer may have found no room") {
+  OpeningsFixture fixture;
+  fixture.StartWorker();
+  fixture.Ask("client", Open(1, Token(1)));
+  fixture.TakeAttach();
+  fixture.Ask("client", Open(1, Token(1)));
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kOk);
+}
+
 TEST_CASE("A replaced worker is asked again, however often it is replaced") {
   OpeningsFixture fixture;
   fixture.StartWorker();
