@@ -211,7 +211,7 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
 
 uint64_t DatasetWorker::Park(PendingRequest pending) {
   if (parked_.AbsorbsCopy(&pending)) return 0;
-  // A parked request that expires frees its place, but its task stays in the backlog.
+  // A parked request that expires frees its place, but what was begun for it goes on.
   const RoutingId& peer = pending.from.peer;
   size_t backlog = loads_.Backlog();
   size_t backlog_of_peer = loads_.BacklogOf(peer);

@@ -8,8 +8,8 @@
 // clients want, and no job has to wait for the end of a long one. Of the waiting jobs, those go
 // first whose clients have the fewest running jobs, of these the smallest, of these the oldest; but
 // every fourth that starts is the oldest, so that no stream of small ones makes a large one wait
-// for ever. Requests of one key share a job. A job that has not started is dropped as soon as none
-// of its requests waits for it any more.
+// for ever. Requests of one key share a job. Requests that need no answer any more leave their
+// job, which is dropped with the last of them if it has not started.
 //
 // Thread rule: all members belong to the loop's thread; the work runs on the queue's threads.
 // Destruction cancels what runs, waits for its end, and drops the rest.
@@ -60,7 +60,7 @@ class PreparationQueue {
   // `key` names the result: if a job of that key waits or runs, the request joins it and `work` is
   // dropped. `bytes`: how much data the work reads.
   void Submit(const std::string& key, uint64_t bytes, Work work, Request request);
-  // The number of requests whose jobs have neither ended nor been dropped: of all clients, of one.
+  // The number of requests that wait, of all clients or of one; a running job has at least one.
   size_t Backlog() const;
   size_t BacklogOf(const RoutingId& client) const;
   // Adds descriptors of which one is readable while finished work waits for Run. Adds none while no
@@ -99,6 +99,7 @@ class PreparationQueue {
   bool MayStart(const Job& job) const;
   // The job that starts next of those of a kind that may; the end of jobs_ if none may.
   typename Jobs::iterator NextWaiting(bool is_long);
+  // Drops requests that need no answer any more, and jobs that have none left.
   void DropUnwanted();
   void Start(Job* job);
   void Finish(uint64_t number, const Result<Product>& result);
@@ -185,11 +186,14 @@ void PreparationQueue<Product>::Run() {
 
 template <typename Product>
 void PreparationQueue<Product>::DropUnwanted() {
-  std::erase_if(jobs_, [](const Job& job) {
-    return job.place == nullptr && std::ranges::none_of(job.requests, [](const Request& request) {
-             return request.waits();
-           });
-  });
+  for (Job& job : jobs_) {
+    // The first request of a job that runs tells whose place it takes.
+    const auto first = job.requests.begin() + (job.place == nullptr ? 0 : 1);
+    const auto unwanted = std::remove_if(first, job.requests.end(),
+                                         [](const Request& request) { return !request.waits(); });
+    job.requests.erase(unwanted, job.requests.end());
+  }
+  jobs_.remove_if([](const Job& job) { return job.requests.empty(); });
 }
 
 template <typename Product>

@@ -144,6 +144,24 @@ TEST_CASE("a job that nobody waits for any more is dropped before it starts") {
   CHECK(fixture.answers("expired") == 0);
 }
 
+TEST_CASE(
+    "requests that need no answer any more leave a running job, but the one whose place it has") {
+  Fixture fixture(kPatienceMs, /*of_client=*/1);
+  for (int i = 0; i < 5; ++i) fixture.Submit("slow", "client");
+  REQUIRE(fixture.Await([&] { return fixture.starts("slow") == 1; }));
+  CHECK(fixture.queue.BacklogOf("client") == 5);
+  fixture.Expire("slow");
+  fixture.queue.Run();
+  CHECK(fixture.queue.BacklogOf("client") == 1);
+  fixture.Submit("next", "client");
+  fixture.Submit("of another", "bystander");
+  REQUIRE(fixture.Await([&] { return fixture.starts("of another") == 1; }));
+  CHECK(fixture.starts("next") == 0);
+  fixture.End("slow");
+  CHECK(fixture.answers("slow") == 1);
+  CHECK(fixture.Await([&] { return fixture.starts("next") == 1; }));
+}
+
 TEST_CASE("long jobs leave the places for short ones to those that wait, and end in their own") {
   Fixture fixture(/*short_ms=*/20);
   const std::vector<std::string> bombs = {"a", "b", "c", "d"};
