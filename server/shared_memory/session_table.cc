@@ -109,7 +109,8 @@ uint32_t SessionTable::LeastLoadedWorker() const {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
     if (!IsOpen(record) || record.worker >= load.size()) continue;
-    load[record.worker].lanes += record.lane_count;
+    // A session without lanes, which only queries, is work as well.
+    load[record.worker].lanes += std::max(record.lane_count.load(), 1u);
     load[record.worker].sessions += 1;
   }
   return static_cast<uint32_t>(std::min_element(load.begin(), load.end()) - load.begin());

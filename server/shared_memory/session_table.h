@@ -27,8 +27,8 @@ class SessionTable {
     uint32_t lanes = 0;
   };
   // Writes a kOpening record for the worker with the fewest lanes (then sessions) of those that
-  // run, if any does. kLimitExceeded when no record or no run of free lanes is left;
-  // kInvalidArgument for more open_bytes.
+  // run, if any does; a session without lanes counts as one lane. kLimitExceeded when no record or
+  // no run of free lanes is left; kInvalidArgument for more open_bytes.
   Result<uint32_t> Allocate(const NewSession& session);
   // Makes a kOpening record kLive, as its worker has acknowledged it. False if the worker has
   // closed the session meanwhile.

@@ -104,6 +104,15 @@ TEST_CASE("Sessions without lanes are spread over the workers as well") {
   REQUIRE(state.session(second).worker == 1);
 }
 
+TEST_CASE("A session without lanes weighs as much as a lane") {
+  SharedState state = NewState();
+  SessionTable table(state);
+  REQUIRE(state.session(*Allocate(table, 1, 2)).worker == 0);
+  REQUIRE(state.session(*Allocate(table, 2, 0)).worker == 1);
+  REQUIRE(state.session(*Allocate(table, 3, 0)).worker == 1);
+  CHECK(state.session(*Allocate(table, 4, 0)).worker == 0);
+}
+
 TEST_CASE("Sessions and lanes are limited, each with its own message") {
   SharedState state = NewState();
   SessionTable table(state);
