@@ -3,6 +3,9 @@
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
+#include <ctime>
+#include <memory>
+#include <optional>
 #include <utility>
 
 #include "server/environments/list.h"
@@ -65,11 +68,34 @@ void DescribeBenchmark(const Benchmark& benchmark, pb::BenchmarkInfo* out) {
   }
 }
 
+// The models of a folder, which is listed anew unless its time of change shows that the list is
+// right.
+class ModelList {
+ public:
+  explicit ModelList(std::string folder) : folder_(std::move(folder)) {}
+
+  std::vector<std::string> Read() {
+    struct stat info {};
+    if (stat(folder_.c_str(), &info) != 0) info = {};  // there is no such folder
+    const std::pair<int64_t, int64_t> changed = {info.st_mtim.tv_sec, info.st_mtim.tv_nsec};
+    if (changed_ == changed) return files_;
+    changed_.reset();
+    if (changed.first < time(nullptr) - kSettledSeconds) changed_ = changed;
+    return files_ = ListModelFiles(folder_);
+  }
+
+ private:
+  const std::string folder_;
+  std::vector<std::string> files_;
+  // The folder's change (seconds, nanoseconds) when files_ was read; unset if it may be outdated.
+  std::optional<std::pair<int64_t, int64_t>> changed_;
+};
+
 }  // namespace
 
-Catalogue::Catalogue(std::string models_folder,
+Catalogue::Catalogue(const std::string& models_folder,
                      std::function<std::vector<Benchmark>()> read_benchmarks, size_t page_bytes)
-    : models_folder_(std::move(models_folder)),
+    : models_folder_([list = std::make_shared<ModelList>(models_folder)] { return list->Read(); }),
       page_bytes_(page_bytes - kEnvelopeRest),
       read_benchmarks_(std::move(read_benchmarks)) {}
 
@@ -92,13 +118,7 @@ void Catalogue::FillPage(const pb::CatalogueRequest& request, pb::Reply* reply) 
 }
 
 void Catalogue::ReadFolder() {
-  struct stat info {};
-  if (stat(models_folder_.c_str(), &info) != 0) info = {};  // there is no such folder
-  const std::pair<int64_t, int64_t> changed = {info.st_mtim.tv_sec, info.st_mtim.tv_nsec};
-  if (folder_changed_ == changed) return;
-  folder_changed_.reset();
-  if (changed.first < time(nullptr) - kSettledSeconds) folder_changed_ = changed;
-  std::vector<std::string> files = ListModelFiles(models_folder_);
+  std::vector<std::string> files = models_folder_.Latest();
   if (files == files_ && !entries_.empty()) return;
   files_ = std::move(files);
   Serialise();

@@ -9,14 +9,13 @@
 
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "data/suites/suites.h"
 #include "proto/b4mrl.pb.h"
 #include "proto/base/limits.h"
+#include "server/gateway/folder_look.h"
 
 namespace b4mrl {
 
@@ -25,7 +24,8 @@ class Catalogue {
   // The envelope of a page takes at most `page_bytes`. An entry that takes more by itself is left
   // out, and an error is logged.
   // `read_benchmarks` is called at most once.
-  Catalogue(std::string models_folder, std::function<std::vector<Benchmark>()> read_benchmarks,
+  Catalogue(const std::string& models_folder,
+            std::function<std::vector<Benchmark>()> read_benchmarks,
             size_t page_bytes = limits::kMaxEnvelopeBytes);
 
   // Makes `reply` carry the entries from number request.first() on, as many as fit a page.
@@ -35,7 +35,7 @@ class Catalogue {
   void FillPage(const pb::CatalogueRequest& request, pb::Reply* reply);
 
  private:
-  // Lists the models folder, unless its time of change shows that the list is still right.
+  // Takes over what the models folder holds, as far as it has answered.
   void ReadFolder();
   void Serialise();
   void SerialiseBenchmarks();
@@ -43,11 +43,9 @@ class Catalogue {
   void Add(const std::string& name, const pb::CatalogueReply& entry,
            std::vector<std::string>* entries) const;
 
-  const std::string models_folder_;
+  FolderLook<std::vector<std::string>> models_folder_;
   const size_t page_bytes_;  // of all entries of a page
   std::vector<std::string> files_;
-  // The folder's change (seconds, nanoseconds) when files_ was read; unset if it may be outdated.
-  std::optional<std::pair<int64_t, int64_t>> folder_changed_;
   // Each entry is a serialised CatalogueReply that holds it alone.
   std::vector<std::string> entries_;
   std::vector<std::string> benchmarks_;
