@@ -60,14 +60,15 @@ Status Refusal(std::string_view message) {
 }
 
 // mj_saveModel does not tell when it could not write everything, as on a full disk, so the file is
-// compared with the model as it is saved to memory, whose end is not used.
-Status CheckSaved(const mjModel& model, size_t size, const std::string& path) {
+// compared with the model as it is saved to memory, whose end is not used. Returns the file's
+// bytes.
+Result<std::string> ReadSaved(const mjModel& model, size_t size, const std::string& path) {
   std::string saved(size, '\0');
   mj_saveModel(&model, nullptr, saved.data(), static_cast<int>(size));
-  B4MRL_ASSIGN_OR_RETURN(const std::string written, ReadModelFile(path));
+  B4MRL_ASSIGN_OR_RETURN(std::string written, ReadModelFile(path));
   const bool is_whole = saved.starts_with(written) &&
                         saved.find_first_not_of('\0', written.size()) == std::string::npos;
-  if (is_whole) return Status();
+  if (is_whole) return written;
   return Status(StatusCode::kIoError,
                 fmt::format("cannot write {}: {} bytes of it are there", path, written.size()));
 }
@@ -98,8 +99,8 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
         fmt::format("the compiled model has {} bytes, allowed: {}", size, limits::kMaxModelBytes));
   }
   mj_saveModel(model.get(), output.c_str(), nullptr, 0);
-  B4MRL_RETURN_IF_ERROR(CheckSaved(*model, size, output));
-  return HashOfModelFile(output);
+  B4MRL_ASSIGN_OR_RETURN(const std::string written, ReadSaved(*model, size, output));
+  return HashOfModel(written);
 }
 
 Result<std::string> ReadModelFile(const std::string& path) {
@@ -108,8 +109,7 @@ Result<std::string> ReadModelFile(const std::string& path) {
   return std::string(std::istreambuf_iterator<char>(file), {});
 }
 
-Result<std::string> HashOfModelFile(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string bytes, ReadModelFile(path));
+std::string HashOfModel(std::string_view bytes) {
   const XXH128_hash_t hash = XXH3_128bits(bytes.data(), bytes.size());
   return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
 }

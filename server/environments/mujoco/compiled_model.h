@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "proto/base/status.h"
 #include "server/environments/list.h"
@@ -19,8 +20,8 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
 
 // The bytes of a model's file, MJCF or compiled.
 Result<std::string> ReadModelFile(const std::string& path);
-// The hash of a compiled model: 128 bits in hexadecimal.
-Result<std::string> HashOfModelFile(const std::string& path);
+// The hash of a compiled model's bytes: 128 bits in hexadecimal.
+std::string HashOfModel(std::string_view bytes);
 
 // The path of the compiled model with this hash in `folder`, and the CompiledModel at such a path.
 std::string CompiledModelPath(const std::string& folder, const std::string& hash);

@@ -21,6 +21,26 @@ namespace {
 
 constexpr size_t kMessageBytes = 1000;
 
+struct FilesDeleter {
+  void operator()(mjVFS* files) const {
+    mj_deleteVFS(files);
+    delete files;
+  }
+};
+using FilesPtr = std::unique_ptr<mjVFS, FilesDeleter>;
+
+// A file system of one file, for MuJoCo to read it from memory.
+Result<FilesPtr> InMemory(const std::string& name, std::string_view bytes) {
+  FilesPtr files(new mjVFS);  // of megabytes
+  mj_defaultVFS(files.get());
+  if (mj_makeEmptyFileVFS(files.get(), name.c_str(), static_cast<int>(bytes.size())) != 0) {
+    return Status(StatusCode::kUnavailable, "no memory for a model's file");
+  }
+  std::memcpy(files->filedata[mj_findFileVFS(files.get(), name.c_str())], bytes.data(),
+              bytes.size());
+  return files;
+}
+
 // Compiles one of the models that the program holds.
 Result<LoadedModel> CompileOwnModel(const std::string& file_name) {
   InstallMujocoHandlers();
@@ -28,16 +48,9 @@ Result<LoadedModel> CompileOwnModel(const std::string& file_name) {
   if (bytes.empty()) {
     return Status(StatusCode::kInternal, fmt::format("the program has no model {}", file_name));
   }
-  const auto files = std::make_unique<mjVFS>();  // of megabytes
-  mj_defaultVFS(files.get());
-  if (mj_makeEmptyFileVFS(files.get(), file_name.c_str(), static_cast<int>(bytes.size())) != 0) {
-    return Status(StatusCode::kUnavailable, "no memory for a model's text");
-  }
-  const int number = mj_findFileVFS(files.get(), file_name.c_str());
-  std::memcpy(files->filedata[number], bytes.data(), bytes.size());
+  B4MRL_ASSIGN_OR_RETURN(const FilesPtr files, InMemory(file_name, bytes));
   char error[kMessageBytes] = "";
   MjModelPtr model(mj_loadXML(file_name.c_str(), files.get(), error, sizeof(error)));
-  mj_deleteVFS(files.get());
   if (model == nullptr) {
     return Status(StatusCode::kDataLoss, fmt::format("model {}: {}", file_name, error));
   }
@@ -71,14 +84,17 @@ Result<LoadedModel> LoadCompiledModel(const CompiledModel& compiled, const std::
     return Status(StatusCode::kUnsupported,
                   fmt::format("model={}: only a daemon compiles models of users", file_name));
   }
-  B4MRL_ASSIGN_OR_RETURN(const std::string hash, HashOfModelFile(compiled.path));
-  if (hash != compiled.hash) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string bytes, ReadModelFile(compiled.path));
+  if (HashOfModel(bytes) != compiled.hash) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("the compiled copy of {} has other contents than it had", file_name));
   }
   InstallMujocoHandlers();
+  // From these bytes, since others may replace the file, or remove it to make room.
+  constexpr char kName[] = "compiled.mjb";
+  B4MRL_ASSIGN_OR_RETURN(const FilesPtr files, InMemory(kName, bytes));
   mjModel* model = nullptr;
-  const bool loaded = RunGuarded([&] { model = mj_loadModel(compiled.path.c_str(), nullptr); });
+  const bool loaded = RunGuarded([&] { model = mj_loadModel(kName, files.get()); });
   if (!loaded || model == nullptr) {
     return Status(
         StatusCode::kDataLoss,
