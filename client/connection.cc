@@ -108,8 +108,9 @@ Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline d
   request.set_session_token(token_);
   request.set_request_id(next_id_);
   const Clock::time_point now = Clock::now();
-  pending_.push_back({next_id_, std::move(request), std::move(payload), deadline, now,
-                      (deadline.at() - now) / kPatienceFraction, 0, now, now});
+  const Clock::duration patience = (deadline.at() - now) / kPatienceFraction;
+  pending_.push_back({next_id_, std::move(request), std::move(payload), deadline, now, patience,
+                      patience, 0, now, now});
   if (Status status = Transmit(pending_.back()); !status.ok()) {
     pending_.pop_back();
     return status;
@@ -204,7 +205,7 @@ Status Connection::NoAnswer() {
 }
 
 Clock::time_point Connection::ResendTime(const Pending& pending) const {
-  return std::max(pending.sent, pending.heard) + pending.patience;
+  return std::max(pending.sent, pending.heard) + pending.interval;
 }
 
 Deadline Connection::NextWake() const {
@@ -236,19 +237,27 @@ bool Connection::Accept(Message message) {
   if (id == 0 && envelope.status().code() != 0 && pending_.size() == 1) id = pending_.front().id;
   const auto pending = std::find_if(pending_.begin(), pending_.end(),
                                     [id](const Pending& entry) { return entry.id == id; });
-  if (pending == pending_.end()) return false;  // answered already, or given up
+  if (pending == pending_.end()) {  // answered already, or given up
+    NoteReply(id);
+    return false;
+  }
   Delivery delivery = Read(id, std::move(envelope), std::move(message.payload));
   // The server refused one copy of the request; another copy may still be executed.
   const bool passing = delivery.kind == Delivery::Kind::kRefused &&
                        delivery.reply.status().recoverable() && pending->resent;
   if (passing) delivery.kind = Delivery::Kind::kNoAnswer;
   pending_.erase(pending);
+  NoteReply(id);
+  arrived_.push_back(std::move(delivery));
+  return true;
+}
+
+void Connection::NoteReply(uint64_t id) {
+  if (id == 0) return;  // to a request that nobody has sent
   last_reply_ = Clock::now();
   for (Pending& other : pending_) {
     if (other.id > id) other.heard = last_reply_;
   }
-  arrived_.push_back(std::move(delivery));
-  return true;
 }
 
 void Connection::Resend() {
@@ -267,6 +276,7 @@ void Connection::Resend() {
           Deadline::After(std::chrono::ceil<std::chrono::milliseconds>(pending.patience));
       if (renewed.at() > pending.deadline.at()) pending.deadline = renewed;
     }
+    if (!is_reconnected) pending.interval *= 2;
     pending.resent = true;
     // With a full queue, the request is sent again later, or given up at its deadline.
     (void)Transmit(pending);

@@ -7,7 +7,9 @@
 //     requests. At the first reconnection, a request gets at least an eighth of its deadline, since
 //     the caller may not have read replies for a while;
 //   - when no reply to it, or to a request that was sent before it, has come for an eighth of its
-//     deadline. Replies to later ones do not show that the server has it.
+//     deadline, the next time for a quarter, then for a half: where a reply takes longer than that
+//     to arrive, as a large one on a slow link does, more copies would delay it and those that
+//     follow. Replies to later requests do not show that the server has it.
 // Where nobody listens on the daemon's machine, the daemon has ended, or was never started
 // (proto/wire/listening.h). Requests are then given up after ten seconds, long enough to start the
 // daemon again, if their own deadlines are not shorter.
@@ -138,7 +140,8 @@ class Connection {
     Frame payload;
     Deadline deadline;
     Clock::time_point asked;   // when the caller sent the request
-    Clock::duration patience;  // time without such a reply after which the request is sent again
+    Clock::duration patience;  // an eighth of its first deadline
+    Clock::duration interval;  // time without such a reply after which the request is sent again
     uint32_t connection;       // number, from 1, of the connection that last sent the request
     Clock::time_point sent;    // when the request was last sent
     Clock::time_point heard;   // when a reply came to a request that was sent before this one
@@ -156,6 +159,8 @@ class Connection {
   void Pump();
   // Keeps a message as the reply to its request; false if it answers no pending request.
   bool Accept(Message message);
+  // Notes that a reply to request `id`, its first or another one, has come.
+  void NoteReply(uint64_t id);
   void Resend();
   void ExpirePending();
   Clock::time_point ResendTime(const Pending& pending) const;

@@ -27,7 +27,8 @@ struct DatasetOptions {
   std::string environment;                 // refuse data of another environment; "" takes any
   int64_t open_deadline_ms = 300'000;      // of the opening, which may import the file first
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each later request
-  uint64_t ledger = 0;  // counts the rows received (Client::OpenLedger); 0: none
+  uint64_t ledger = 0;  // counts the rows served, also those requested ahead; 0: none
+                        // (Client::OpenLedger)
 };
 
 // Rows of a dataset, row-major, as views into the received frame, or into an aligned copy of it for

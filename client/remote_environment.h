@@ -159,8 +159,8 @@ class RemoteEnvironment {
                std::optional<uint64_t> draw = {}, uint64_t first_row = 0);
   // The two halves of Query, between which the caller can work. Each SendQuery takes at most
   // limits::kMaxQueryRows rows; several may be in flight, to be received in any order, into buffers
-  // of as many rows as were sent. kInvalidArgument if the buffers differ among themselves: the
-  // results can still be received.
+  // of as many rows as were sent. kInvalidArgument if these have other rows: the results can still
+  // be received.
   Result<uint64_t> SendQuery(std::span<const float> observations, std::span<const float> actions,
                              uint64_t seed, uint64_t draw, uint64_t first_row);
   Result<uint64_t> SendQuery(std::span<const double> observations, std::span<const double> actions,
@@ -225,7 +225,8 @@ class RemoteEnvironment {
   int64_t deadline_ms_;
   LaneNumbers numbers_;
   std::vector<UnderWay> under_way_;
-  uint64_t next_draw_ = 0;  // of a query without a draw
+  std::map<uint64_t, uint64_t> query_rows_;  // of each query that was sent and not received
+  uint64_t next_draw_ = 0;                   // of a query without a draw
 };
 
 }  // namespace b4mrl

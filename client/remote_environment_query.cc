@@ -13,6 +13,10 @@ namespace {
 // Requests of one Query call that are under way at once: enough to keep every thread of a worker
 // busy while one answer is copied out.
 constexpr size_t kQueryRequestsInFlight = 6;
+// Of one such request: few enough for a worker on a small machine to hold them all with their
+// answers, and for a slow simulator to answer them within the deadline.
+constexpr size_t kRowsAtOnce = 1024;
+static_assert(kRowsAtOnce <= limits::kMaxQueryRows);
 
 template <typename Scalar>
 Status CheckOutput(const QueryResults<Scalar>& output, size_t observation_size) {
@@ -75,7 +79,9 @@ Result<uint64_t> RemoteEnvironment::SendRows(std::span<const Scalar> observation
   std::ranges::copy(observations,
                     ArrayAt<Scalar>(payload, observations_offset, observations.size()).begin());
   std::ranges::copy(actions, ArrayAt<Scalar>(payload, actions_offset, actions.size()).begin());
-  return connection_->Send(std::move(request), std::move(payload), NewDeadline());
+  Result<uint64_t> id = connection_->Send(std::move(request), std::move(payload), NewDeadline());
+  if (id.ok()) query_rows_[*id] = rows;
+  return id;
 }
 
 template <typename Scalar>
@@ -84,8 +90,14 @@ Status RemoteEnvironment::ReceiveRows(uint64_t id, const QueryResults<Scalar>& o
     return InvalidArgument("id", std::to_string(id), "that of a query, not of a step");
   }
   B4MRL_RETURN_IF_ERROR(CheckOutput(output, spec_.observation.size()));
-  B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   const uint64_t rows = output.rewards.size();
+  const auto sent = query_rows_.find(id);
+  if (sent != query_rows_.end() && sent->second != rows) {
+    return InvalidArgument("rows of the results", std::to_string(rows),
+                           fmt::format("{}, as the query has", sent->second));
+  }
+  query_rows_.erase(id);
+  B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   B4MRL_ASSIGN_OR_RETURN(const TensorView next,
                          reply.Require("next_observations", {DType::kFloat32, DType::kFloat64},
                                        {rows, spec_.observation.size()}));
@@ -125,7 +137,7 @@ Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
   Status status;
   for (size_t next = 0; status.ok() && (next < rows || !chunks.empty());) {
     if (next < rows && chunks.size() < kQueryRequestsInFlight) {
-      const size_t count = std::min<size_t>(rows - next, limits::kMaxQueryRows);
+      const size_t count = std::min(rows - next, kRowsAtOnce);
       const Result<uint64_t> id =
           SendRows(observations.subspan(next * observation_size, count * observation_size),
                    actions.subspan(next * action_size, count * action_size), seed, draw_of_call,
@@ -140,7 +152,10 @@ Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
       if (!status.ok()) connection_->Abandon(chunk.id);
     }
   }
-  for (const Chunk& chunk : chunks) connection_->Abandon(chunk.id);
+  for (const Chunk& chunk : chunks) {
+    connection_->Abandon(chunk.id);
+    query_rows_.erase(chunk.id);
+  }
   return status;
 }
 

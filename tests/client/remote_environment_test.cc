@@ -7,32 +7,10 @@
 
 #include "client/client.h"
 #include "proto/base/limits.h"
-#include "tests/client/fake_daemon.h"
-#include "tests/resource_limit.h"
+#include "tests/client/fake_session.h"
 
 namespace b4mrl {
 namespace {
-
-class Session {
- public:
-  explicit Session(FakeDaemon& daemon, EnvironmentOptions options = {.num_envs = 2}) {
-    Result<Client> client = Client::Connect(daemon.address());
-    REQUIRE(client.ok());
-    client_.emplace(std::move(*client));
-    Result<RemoteEnvironment> environment = client_->Make("Fake", options);
-    INFO(environment.status().ToString());
-    REQUIRE(environment.ok());
-    environment_.emplace(std::move(*environment));
-  }
-  RemoteEnvironment* operator->() { return &*environment_; }
-
- private:
-  std::optional<Client> client_;
-  std::optional<RemoteEnvironment> environment_;
-};
-
-const std::vector<float> kOneAction(kActionSize, 0.5f);
-const std::vector<float> kTwoActions(2 * kActionSize, 0.5f);
 
 std::vector<float> FirstColumn(const StepOutcome& outcome) {
   std::vector<float> column;
@@ -44,7 +22,7 @@ std::vector<float> FirstColumn(const StepOutcome& outcome) {
 
 TEST_CASE("resets and steps carry the next number of each lane") {
   FakeDaemon daemon;
-  Session session(daemon);
+  FakeSession session(daemon);
   Result<StepOutcome> outcome = session->Reset();
   REQUIRE(outcome.ok());
   CHECK(FirstColumn(*outcome) == std::vector<float>{1, 1});
@@ -65,7 +43,7 @@ TEST_CASE("actions travel in the type that the caller has") {
     if (call.request.has_step()) types.push_back(call.request.arrays(1).dtype());
     return false;
   });
-  Session session(daemon);
+  FakeSession session(daemon);
   REQUIRE(session->Step(kTwoActions).ok());
   REQUIRE(session->Step(std::vector<double>(2 * kActionSize, 0.1)).ok());
   CHECK(types == std::vector<pb::DType>{pb::FLOAT32, pb::FLOAT64});
@@ -87,7 +65,7 @@ TEST_CASE("requests for different lanes are in flight together and received as t
     server.ReplyError(*held, InvalidArgument("actions", "infinity", "finite numbers"));
     return true;
   });
-  Session session(daemon);
+  FakeSession session(daemon);
   const std::vector<uint32_t> lane0 = {0};
   const std::vector<uint32_t> lane1 = {1};
   const Result<uint64_t> first = session->Send(kOneAction, lane0);
@@ -111,7 +89,7 @@ TEST_CASE("a step without an answer loses its lanes and no others") {
   std::atomic<bool> silent{true};
   FakeDaemon daemon(
       [&silent](FakeServer&, FakeCall& call) { return silent && call.request.has_step(); });
-  Session session(daemon, {.num_envs = 2, .deadline_ms = 1'000});
+  FakeSession session(daemon, {.num_envs = 2, .deadline_ms = 1'000});
   const std::vector<uint32_t> lane0 = {0};
   const std::vector<uint32_t> lane1 = {1};
   CHECK(session->Step(kOneAction, lane0).status().code() == StatusCode::kDeadlineExceeded);
@@ -137,13 +115,13 @@ TEST_CASE("a reply must have one row for each lane of its request") {
   });
   for (const size_t answered : {0, 1, 3}) {
     rows = answered;
-    CHECK(Session(daemon)->Reset().status().code() == StatusCode::kInternal);
-    CHECK(Session(daemon)->Step(kTwoActions).status().code() == StatusCode::kInternal);
-    Session session(daemon);
+    CHECK(FakeSession(daemon)->Reset().status().code() == StatusCode::kInternal);
+    CHECK(FakeSession(daemon)->Step(kTwoActions).status().code() == StatusCode::kInternal);
+    FakeSession session(daemon);
     REQUIRE(session->Send(kTwoActions).ok());
     CHECK(session->Receive().status().code() == StatusCode::kInternal);
   }
-  Session session(daemon);
+  FakeSession session(daemon);
   const std::vector<uint32_t> lane0 = {0};
   const std::vector<uint32_t> lane1 = {1};
   rows = 1;
@@ -168,95 +146,12 @@ TEST_CASE("a step of which one copy was refused has no outcome, whatever the ref
     if (++steps == 2) server.ReplyError(call, Status(StatusCode::kBusy, "still at the first copy"));
     return true;
   });
-  Session session(daemon, {.num_envs = 2, .deadline_ms = 4'000});
+  FakeSession session(daemon, {.num_envs = 2, .deadline_ms = 4'000});
   const std::vector<uint32_t> lane0 = {0};
   const Status status = session->Step(kOneAction, lane0).status();
   CHECK(status.code() == StatusCode::kUnavailable);
   CHECK(status.message().find("still at the first copy") != std::string::npos);
   CHECK(session->Step(kOneAction, lane0).status().code() == StatusCode::kFailedPrecondition);
-}
-
-TEST_CASE("the reply to a step is not received as that to a query") {
-  FakeDaemon daemon;
-  Session session(daemon);
-  const Result<uint64_t> id = session->Send(kTwoActions);
-  REQUIRE(id.ok());
-  std::vector<float> next(kObservationSize);
-  std::vector<double> rewards(1);
-  std::vector<uint8_t> terminated(1), valid(1);
-  const QueryOutput output{next, rewards, terminated, valid};
-  CHECK(session->ReceiveQuery(*id, output).code() == StatusCode::kInvalidArgument);
-  CHECK(session->Receive().ok());
-}
-
-TEST_CASE("a query is cut into requests whose answers land in their places") {
-  std::vector<uint64_t> first_rows;
-  FakeDaemon daemon([&first_rows](FakeServer&, FakeCall& call) {
-    if (call.request.has_query()) first_rows.push_back(call.request.query().first_row());
-    return false;
-  });
-  Session session(daemon, {.num_envs = 0});
-  constexpr size_t kRows = 10 * limits::kMaxQueryRows + 7;
-  std::vector<float> observations(kRows * kObservationSize);
-  for (size_t i = 0; i < observations.size(); ++i) observations[i] = static_cast<float>(i);
-  const std::vector<float> actions(kRows * kActionSize);
-  std::vector<float> next(observations.size());
-  std::vector<double> rewards(kRows);
-  std::vector<uint8_t> terminated(kRows, 9);
-  std::vector<uint8_t> valid(kRows);
-  const Status status =
-      session->Query(observations, actions, {next, rewards, terminated, valid}, 1, 2, 1000);
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-  CHECK(first_rows.size() == 11);
-  bool right = true;
-  for (size_t row = 0; row < kRows; ++row) {
-    right = right && rewards[row] == static_cast<double>(1000 + row) && valid[row] == 1 &&
-            terminated[row] == 0 &&
-            next[row * kObservationSize] == observations[row * kObservationSize] + 1;
-  }
-  CHECK(right);
-}
-
-TEST_CASE("queries without a draw count through the draws") {
-  std::vector<uint64_t> draws;
-  FakeDaemon daemon([&draws](FakeServer&, FakeCall& call) {
-    if (call.request.has_query()) draws.push_back(call.request.query().draw());
-    return false;
-  });
-  Session session(daemon, {.num_envs = 0});
-  constexpr size_t kRows = limits::kMaxQueryRows + 1;  // two requests of one draw
-  const std::vector<float> observations(kRows * kObservationSize), actions(kRows * kActionSize);
-  std::vector<float> next(observations.size());
-  std::vector<double> rewards(kRows);
-  std::vector<uint8_t> flags(2 * kRows);
-  const std::span<uint8_t> all(flags);
-  const QueryOutput output{next, rewards, all.first(kRows), all.last(kRows)};
-  REQUIRE(session->Query(observations, actions, output).ok());
-  REQUIRE(session->Query(observations, actions, output, 1).ok());
-  REQUIRE(session->Query(observations, actions, output, 1, 0).ok());
-  REQUIRE(session->Query(observations, actions, output).ok());
-  CHECK(draws == std::vector<uint64_t>{0, 0, 1, 1, 0, 0, 2, 2});
-}
-
-TEST_CASE("a refused query ends the call and leaves nothing in flight") {
-  FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
-    if (call.request.query().first_row() != limits::kMaxQueryRows) return false;
-    server.ReplyError(call, Status(StatusCode::kUnsupported, "action-delay has a memory"));
-    return true;
-  });
-  Session session(daemon, {.num_envs = 0});
-  constexpr size_t kRows = 3 * limits::kMaxQueryRows;
-  const std::vector<float> observations(kRows * kObservationSize);
-  const std::vector<float> actions(kRows * kActionSize);
-  std::vector<float> next(observations.size());
-  std::vector<double> rewards(kRows);
-  std::vector<uint8_t> flags(2 * kRows);
-  const std::span<uint8_t> all(flags);
-  const QueryOutput output{next, rewards, all.first(kRows), all.last(kRows)};
-  for (int i = 0; i < 20; ++i) {  // leftovers would reach the bound of requests in flight
-    CHECK(session->Query(observations, actions, output).code() == StatusCode::kUnsupported);
-  }
 }
 
 TEST_CASE("buffers and lists of the wrong length are refused before anything is sent") {
@@ -267,7 +162,7 @@ TEST_CASE("buffers and lists of the wrong length are refused before anything is 
     return false;
   });
   {
-    Session session(daemon);
+    FakeSession session(daemon);
     const std::vector<uint32_t> no_such_lane = {2};
     const std::vector<uint64_t> one_seed = {7};
     CHECK(session->Step(kOneAction).status().code() == StatusCode::kInvalidArgument);
@@ -288,23 +183,9 @@ TEST_CASE("buffers and lists of the wrong length are refused before anything is 
   CHECK(requests == 0);
 }
 
-// The sanitizers' shadow memory takes more than any limit.
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-TEST_CASE("a query that no server takes is refused before there is memory for it") {
-  FakeDaemon daemon;
-  Session session(daemon);
-  const size_t rows = limits::kMaxPayloadBytes / (kObservationSize + kActionSize) / sizeof(float);
-  const std::vector<float> observations(rows * kObservationSize), actions(rows * kActionSize);
-  const ResourceLimit left(RLIMIT_AS, AddressesInUse() + (32 << 20));
-  const Status refused = session->SendQuery(observations, actions, 0, 0, 0).status();
-  CHECK(refused.code() == StatusCode::kInvalidArgument);
-  CHECK(refused.message().starts_with("bytes of the arrays is "));
-}
-#endif
-
 TEST_CASE("an observation type that was not set is float32") {
   FakeDaemon daemon;
-  Session session(daemon, {.num_envs = 1, .observation_dtype = DType::kUnspecified});
+  FakeSession session(daemon, {.num_envs = 1, .observation_dtype = DType::kUnspecified});
   const Result<StepOutcome> outcome = session->Reset();
   REQUIRE(outcome.ok());
   CHECK(FirstColumn(*outcome) == std::vector<float>{1});
@@ -312,7 +193,7 @@ TEST_CASE("an observation type that was not set is float32") {
 
 TEST_CASE("a session without lanes refuses to step, restore and snapshot") {
   FakeDaemon daemon;
-  Session session(daemon, {.num_envs = 0});
+  FakeSession session(daemon, {.num_envs = 0});
   CHECK(session->Reset().status().code() == StatusCode::kFailedPrecondition);
   CHECK(session->Step(std::span<const float>()).status().code() == StatusCode::kFailedPrecondition);
   CHECK(session->Snapshot().status().code() == StatusCode::kFailedPrecondition);

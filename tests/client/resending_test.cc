@@ -102,20 +102,43 @@ TEST_CASE("a request is sent again after an eighth of its deadline in silence") 
   CHECK(silence > 0.8 * kDeadlineMs / 8 / 1000);
 }
 
-TEST_CASE("a request is not sent again while earlier ones are answered") {
+TEST_CASE("each further silence before a request is sent again is twice as long") {
+  ConnectionFixture fixture;
+  constexpr uint32_t kDeadlineMs = 4'000;
+  const uint64_t id = fixture.Send("quiet", kDeadlineMs);
+  // The time that is left, as each copy says, tells when it was sent.
+  std::vector<uint32_t> left;
+  std::thread server([&fixture, &left] {
+    std::optional<FakeCall> call;
+    while (left.size() < 3 && (call = fixture.server().Take())) {
+      left.push_back(call->request.deadline_ms());
+    }
+    if (call) fixture.server().Echo(*call);
+  });
+  CHECK(fixture.ReceiveText(id) == "quiet");
+  server.join();
+  REQUIRE(left.size() == 3);
+  // Each number is rounded to a millisecond.
+  CHECK(left[0] - left[1] + 1 >= kDeadlineMs / 8);
+  CHECK(left[1] - left[2] + 1 >= kDeadlineMs / 4);
+}
+
+TEST_CASE(
+    "a request is not sent again while earlier ones are answered, or one of them many times") {
+  const int requests = GENERATE(6, 1);
   ConnectionFixture fixture;
   constexpr int64_t kSlowDeadlineMs = 8'000;
   constexpr double kPatienceSeconds = kSlowDeadlineMs / 8 / 1000.0;
-  constexpr int kEarlier = 6;
+  constexpr int kAnswers = 6;
   std::vector<uint64_t> earlier;
-  for (int i = 0; i < kEarlier; ++i) earlier.push_back(fixture.Send("earlier"));
+  for (int i = 0; i < requests; ++i) earlier.push_back(fixture.Send("earlier"));
   const uint64_t slow = fixture.Send("slow", kSlowDeadlineMs);
   std::vector<FakeCall> calls;
-  for (int i = 0; i <= kEarlier; ++i) calls.push_back(fixture.Take());
+  for (int i = 0; i <= requests; ++i) calls.push_back(fixture.Take());
   double longest_gap = 0;
   int copies = 1;
   Clock::time_point answered = Clock::now();
-  for (int i = 0; i < kEarlier; ++i) {
+  for (int i = 0; i < kAnswers; ++i) {
     // Later requests pass the time.
     while (SecondsSince(answered) < 0.3 * kPatienceSeconds) {
       const uint64_t quick = fixture.Send("quick");
@@ -127,12 +150,12 @@ TEST_CASE("a request is not sent again while earlier ones are answered") {
       fixture.server().Echo(call);
       CHECK(fixture.ReceiveText(quick) == "quick");
     }
-    fixture.server().Echo(calls[i]);
-    CHECK(fixture.ReceiveText(earlier[i]) == "earlier");
+    fixture.server().Echo(calls[i % requests]);
+    if (i < requests) CHECK(fixture.ReceiveText(earlier[i]) == "earlier");
     longest_gap = std::max(longest_gap, SecondsSince(answered));
     answered = Clock::now();
   }
-  fixture.server().Echo(calls[kEarlier]);
+  fixture.server().Echo(calls[requests]);
   CHECK(fixture.ReceiveText(slow) == "slow");
   // On a machine that stalls the test for that long, the silence was real.
   if (longest_gap < kPatienceSeconds) CHECK(copies == 1);
