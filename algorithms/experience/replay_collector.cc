@@ -144,7 +144,9 @@ Result<StepOutcome> ReplayCollector::StepAndStore() {
       scaled_actions_.view()(i, lane) = actions_.view()(i, lane) * action_scale_[i];
     }
   }
-  B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, simulator_.Step(scaled_actions_.values()));
+  B4MRL_ASSIGN_OR_RETURN(
+      StepOutcome outcome,
+      UntilTaken([&] { return simulator_.Step(scaled_actions_.values()); }, *context_->stop));
   asked_ = Clock::now();
   ++vector_steps_;
   size_t ended = 0;  // position in final_lanes, which are in order

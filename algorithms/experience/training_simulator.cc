@@ -1,6 +1,7 @@
 #include "algorithms/experience/training_simulator.h"
 
 #include <fmt/format.h>
+#include <poll.h>
 
 #include <algorithm>
 
@@ -23,6 +24,24 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   B4MRL_RETURN_IF_ERROR(
       context.environment.CheckSizes("the simulator", spec.observation.size(), spec.action.size()));
   return session;
+}
+
+Result<StepOutcome> UntilTaken(const std::function<Result<StepOutcome>()>& step,
+                               const std::atomic<bool>& stop) {
+  constexpr int kPauseMs = 10;
+  const Deadline deadline = Deadline::AfterMs(kLearnerDeadlineMs);
+  while (true) {
+    Result<StepOutcome> outcome = step();
+    const StatusCode code = outcome.status().code();
+    const bool may_pass = code == StatusCode::kBusy || code == StatusCode::kLimitExceeded;
+    if (!may_pass || deadline.expired()) return outcome;
+    if (stop) {
+      return Status(
+          StatusCode::kUnavailable,
+          fmt::format("told to stop while a step was refused: {}", outcome.status().message()));
+    }
+    poll(nullptr, 0, kPauseMs);
+  }
 }
 
 bool IsDueAgain(const Client& client, Clock::time_point asked) {

@@ -14,8 +14,11 @@
 namespace b4mrl {
 namespace {
 
-constexpr uint32_t kRowsPerRequest = limits::kMaxQueryRows;
-constexpr size_t kRequestsInFlight = 8;
+// As of a rollout: a worker on a small machine must hold all requests under way, with their
+// replies, and a slow simulator must answer them within the deadline.
+constexpr uint32_t kRowsPerRequest = 1024;
+constexpr size_t kRequestsInFlight = 6;
+static_assert(kRowsPerRequest <= limits::kMaxQueryRows);
 
 // The columns of a whole dataset. Targets are [o', r] until the predicted o' is subtracted from o'.
 class Columns {
