@@ -44,8 +44,9 @@ class TrainRun {
   Status TakeFolder();
   Status Open();
   Status Run();
-  // The summary of a run that ended with `status`.
+  // The summary of a run that ended with `status`, and the state after an error.
   TrainSummary Summary(const Status& status);
+  RunState StateAfter(const Status& error) const;
 
  private:
   std::vector<RunSession> EarlierSessions() const;
@@ -173,9 +174,10 @@ Status TrainRun::RestoreNewest() {
   return status;
 }
 
-// kDataLoss for whatever is wrong with the file.
+// kDataLoss for whatever is wrong with the file, kIoError where it cannot be opened.
 Status TrainRun::Restore(uint64_t update) {
   auto opened = CheckpointReader::Open(CheckpointPath(options_.folder, update));
+  if (opened.status().code() == StatusCode::kIoError) return opened.status();
   if (!opened.ok()) return Status(StatusCode::kDataLoss, opened.status().message());
   CheckpointReader& reader = *opened;
   update_ = reader.Unsigned("run/update");
@@ -349,15 +351,18 @@ TrainSummary TrainRun::PresentSummary() const {
   return summary;
 }
 
+RunState TrainRun::StateAfter(const Status& error) const {
+  if (diverged_) return RunState::kDiverged;
+  // A wait for the daemon can be interrupted, too.
+  return stop_ && MayBeLost(error) ? RunState::kInterrupted : RunState::kFailed;
+}
+
 TrainSummary TrainRun::Summary(const Status& status) {
   // The last checkpoint of a run without an error has refreshed the ledger, if there was one.
-  const bool lost = MayBeLost(status);
-  if (!lost && !(status.ok() && is_prepared_)) RefreshLedger();
+  if (!MayBeLost(status) && !(status.ok() && is_prepared_)) RefreshLedger();
   TrainSummary summary = PresentSummary();
   if (!status.ok()) {
-    // A wait for the daemon can be interrupted, too.
-    summary.state = stop_ && lost ? RunState::kInterrupted : RunState::kFailed;
-    if (diverged_) summary.state = RunState::kDiverged;
+    summary.state = StateAfter(status);
     summary.reason = status.ToString();
   } else if (is_prepared_ && update_ >= options_.updates) {
     summary.state = RunState::kFinished;
@@ -381,7 +386,7 @@ Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress
   B4MRL_RETURN_IF_ERROR(run.TakeFolder());
   if (const Status status = WithinMemory(kPurpose, [&] { return run.Open(); }); !status.ok()) {
     // Report Open's error, even if result.json cannot be written and goes on saying "running".
-    static_cast<void>(WriteResultState(options, RunState::kFailed, status.ToString()));
+    static_cast<void>(WriteResultState(options, run.StateAfter(status), status.ToString()));
     return status;
   }
   const Status status = WithinMemory(kPurpose, [&] { return run.Run(); });

@@ -8,14 +8,12 @@
 #include <sstream>
 
 #include "algorithms/base/checkpoint.h"
-#include "algorithms/base/replay_file.h"
 #include "algorithms/list.h"
 #include "algorithms/run/train_loop.h"
 #include "data/d4rl/agent_file.h"
 #include "tests/algorithms/logged_rows.h"
 #include "tests/algorithms/run/small_run.h"
 #include "tests/algorithms/test_daemon.h"
-#include "tests/data/file_size_limit.h"
 
 namespace b4mrl {
 namespace {
@@ -230,32 +228,6 @@ TEST_CASE("A newest checkpoint that lacks a log's length or is another update's 
   CHECK((ReadBytes(options.folder + "/unreadable-checkpoint-60.h5") == damaged));
   CHECK(Take(ListCheckpoints(options.folder)) == std::vector<uint64_t>{60, 30});
   RequireEqualAgents(daemon.folder("straight.h5"), options.folder + "/agent.h5");
-}
-
-TEST_CASE("A checkpoint that a full disk keeps from being resumed stays the newest") {
-  TestDaemon daemon;
-  TrainOptions options = SmallRun("sac", daemon.folder("run"));
-  RunTraining(options, daemon.client());
-  const std::vector<uint64_t> before = Take(ListCheckpoints(options.folder));
-  REQUIRE(before.size() == 2);
-  CheckpointReader older = Take(CheckpointReader::Open(CheckpointPath(options.folder, before[1])));
-  const uint64_t records = older.Unsigned("lanes/replay_length");
-  RequireOk(older.status());
-  options.resume = true;
-  {
-    // The replay grows from as many transitions as the checkpoint has: there is room for those of
-    // the older one alone.
-    constexpr uint64_t kGrowth = 65'536;
-    const uint64_t begun = std::filesystem::file_size(options.folder + "/replay.bin");
-    const FileSizeLimit full(begun + records * (begun - kReplayHeaderBytes) / kGrowth);
-    const std::atomic<bool> stop = false;
-    Progress quiet(true);
-    const auto resumed = Train(options, daemon.client(), quiet, stop);
-    CHECK(resumed.status().code() == StatusCode::kIoError);
-  }
-  CHECK(Take(ListCheckpoints(options.folder)) == before);
-  CHECK(RunTraining(options, daemon.client()).updates == 60);
-  CHECK_FALSE(std::filesystem::exists(options.folder + "/unreadable-checkpoint-60.h5"));
 }
 
 TEST_CASE("A run whose loss is not finite stops and names the loss and the last good state") {
