@@ -168,8 +168,6 @@ Status Highway::CheckVehicles(std::span<const double> vehicles) const {
         "length of state part 'vehicles'", std::to_string(vehicles.size()),
         fmt::format("{} numbers for each of 1 to {} cars", kVehicleColumns, capacity));
   }
-  // Columns of a car's row (traffic.h).
-  constexpr size_t kLane = 4, kTargetLane = 5, kCrashed = 7, kImpactPending = 8;
   for (size_t i = 0; i < vehicles.size(); ++i) {
     const size_t row = i / kVehicleColumns;
     const size_t column = i % kVehicleColumns;
@@ -177,13 +175,13 @@ Status Highway::CheckVehicles(std::span<const double> vehicles) const {
       return InvalidNumber(fmt::format("state vehicles[{}][{}]", row, column), vehicles[i],
                            "-1e10..1e10");
     }
-    const bool is_lane = column == kLane || (column == kTargetLane && row != kEgo);
+    const bool is_lane = column == kColumnLane || (column == kColumnTargetLane && row != kEgo);
     if (is_lane && !(vehicles[i] >= 0 && vehicles[i] < settings_.lanes_count)) {
       return InvalidNumber(fmt::format("lane in state vehicles[{}][{}]", row, column), vehicles[i],
                            fmt::format("0..{}", settings_.lanes_count - 1));
     }
-    const bool is_flag = column == kCrashed || column == kImpactPending;
-    const bool is_whole = column == kLane || column == kTargetLane;
+    const bool is_flag = column == kColumnCrashed || column == kColumnImpactPending;
+    const bool is_whole = column == kColumnLane || column == kColumnTargetLane;
     if ((is_flag && vehicles[i] != 0 && vehicles[i] != 1) ||
         (is_whole && vehicles[i] != std::floor(vehicles[i]))) {
       return InvalidNumber(fmt::format("state vehicles[{}][{}]", row, column), vehicles[i],

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "server/highway/road.h"
 #include "server/highway/traffic.h"
 
 namespace b4mrl {
@@ -10,12 +11,9 @@ namespace {
 constexpr double kMetresWide = 600 / 5.5;
 constexpr PlanPoint kEgoAnchor = {0.3, 0.5};
 
-constexpr double kLaneWidth = 4;
 constexpr double kStripeWidth = 0.3;
 constexpr double kStripeLength = 3;
 constexpr double kStripePeriod = 13;  // m, a stripe and a gap
-constexpr double kCarLength = 5;
-constexpr double kCarWidth = 2;
 constexpr double kOutline = 0.2;
 
 constexpr Colour kVerge = {88, 116, 84};
@@ -26,8 +24,6 @@ constexpr Colour kWindscreen = {45, 60, 75};
 constexpr Colour kEgo = {50, 200, 0};
 constexpr Colour kOther = {100, 200, 255};
 constexpr Colour kCrashed = {255, 100, 100};
-
-constexpr size_t kX = 0, kY = 1, kHeading = 2, kCrashedFlag = 7;
 
 struct Box {
   double left, right, top, bottom;
@@ -41,12 +37,12 @@ PlanPolygon Rectangle(const Box& box, Colour colour) {
 
 // `box` in the car's own frame: x forward from its centre.
 PlanPolygon CarPart(std::span<const double> car, const Box& box, Colour colour) {
-  const double cosine = std::cos(car[kHeading]);
-  const double sine = std::sin(car[kHeading]);
+  const double cosine = std::cos(car[kColumnHeading]);
+  const double sine = std::sin(car[kColumnHeading]);
   PlanPolygon polygon = Rectangle(box, colour);
   for (PlanPoint& corner : polygon.corners) {
-    corner = {car[kX] + cosine * corner.x - sine * corner.y,
-              car[kY] + sine * corner.x + cosine * corner.y};
+    corner = {car[kColumnX] + cosine * corner.x - sine * corner.y,
+              car[kColumnY] + sine * corner.x + cosine * corner.y};
   }
   return polygon;
 }
@@ -75,9 +71,9 @@ void AddRoad(uint32_t lanes, double left, double right, std::vector<PlanPolygon>
 }
 
 void AddCar(std::span<const double> car, bool is_ego, std::vector<PlanPolygon>& polygons) {
-  const double front = kCarLength / 2;
-  const double side = kCarWidth / 2;
-  const Colour colour = car[kCrashedFlag] != 0 ? kCrashed : is_ego ? kEgo : kOther;
+  const double front = kVehicleLength / 2;
+  const double side = kVehicleWidth / 2;
+  const Colour colour = car[kColumnCrashed] != 0 ? kCrashed : is_ego ? kEgo : kOther;
   polygons.push_back(CarPart(car, {-front, front, -side, side}, kEdge));
   polygons.push_back(CarPart(
       car, {-front + kOutline, front - kOutline, -side + kOutline, side - kOutline}, colour));
@@ -90,7 +86,7 @@ void AddCar(std::span<const double> car, bool is_ego, std::vector<PlanPolygon>& 
 PlanView HighwayPlan(uint32_t lanes, std::span<const double> vehicles) {
   PlanView plan;
   plan.background = kVerge;
-  plan.origin = {vehicles[kX], vehicles[kY]};
+  plan.origin = {vehicles[kColumnX], vehicles[kColumnY]};
   plan.anchor = kEgoAnchor;
   plan.metres_wide = kMetresWide;
   const double left = plan.origin.x - plan.anchor.x * plan.metres_wide;
@@ -99,7 +95,7 @@ PlanView HighwayPlan(uint32_t lanes, std::span<const double> vehicles) {
   // The ego comes last, over whatever it has hit.
   for (size_t row = vehicles.size() / kVehicleColumns; row-- > 0;) {
     const auto car = vehicles.subspan(row * kVehicleColumns, kVehicleColumns);
-    if (car[kX] > left - kCarLength && car[kX] < right + kCarLength) {
+    if (car[kColumnX] > left - kVehicleLength && car[kColumnX] < right + kVehicleLength) {
       AddCar(car, row == 0, plan.polygons);
     }
   }

@@ -6,7 +6,7 @@
 namespace b4mrl {
 namespace {
 
-// Calls `visit` with each column, in the order that traffic.h states.
+// Calls `visit` with each column, in the order of VehicleColumn.
 template <typename AnyTraffic, typename Visit>
 void ForEachColumn(AnyTraffic& traffic, Visit visit) {
   visit(traffic.x);

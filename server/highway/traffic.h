@@ -11,15 +11,32 @@ namespace b4mrl {
 inline constexpr int kEgo = 0;
 inline constexpr int kNoVehicle = -1;
 inline constexpr int kNoLane = -1;  // the ego has no target lane
-// Number of columns that describe a car for users, in this order: x, y, heading, speed, lane,
-// target_lane, timer, crashed, impact_pending, impact_x, impact_y, steering, acceleration,
-// target_speed, delta.
-inline constexpr size_t kVehicleColumns = 15;
+
+// The numbers of a row, which describes a car for users, in their order. Traffic's members have the
+// same names and say what each of them is.
+enum VehicleColumn : size_t {
+  kColumnX,
+  kColumnY,
+  kColumnHeading,
+  kColumnSpeed,
+  kColumnLane,
+  kColumnTargetLane,
+  kColumnTimer,
+  kColumnCrashed,
+  kColumnImpactPending,
+  kColumnImpactX,
+  kColumnImpactY,
+  kColumnSteering,
+  kColumnAcceleration,
+  kColumnTargetSpeed,
+  kColumnDelta,
+};
+inline constexpr size_t kVehicleColumns = kColumnDelta + 1;
 
 struct Traffic {
   explicit Traffic(size_t capacity);
 
-  // Number of doubles that Save writes: the count, then the columns above, `capacity` numbers each.
+  // Number of doubles that Save writes: the count, then each column, of `capacity` numbers.
   static size_t StateSize(size_t capacity) { return 1 + kVehicleColumns * capacity; }
   void Save(std::span<double> state) const;
   // Accepts any numbers: counts, lanes and flags are brought into range, so that no state can make

@@ -43,10 +43,10 @@ std::vector<double> Rows(const std::vector<Car>& cars) {
   std::vector<double> rows;
   for (const Car& car : cars) {
     std::array<double, kVehicleColumns> row{};
-    row[0] = car.x;
-    row[1] = car.y;
-    row[2] = car.heading;
-    row[7] = car.crashed ? 1 : 0;
+    row[kColumnX] = car.x;
+    row[kColumnY] = car.y;
+    row[kColumnHeading] = car.heading;
+    row[kColumnCrashed] = car.crashed ? 1 : 0;
     rows.insert(rows.end(), row.begin(), row.end());
   }
   return rows;
