@@ -34,7 +34,10 @@ Status NotAnswered(Server server) {
     if (kind.server != server || !kind.from_clients) continue;
     names += (names.empty() ? "" : ", ") + NameOf(kind.payload);
   }
-  return Status(StatusCode::kUnsupported, fmt::format("{} answers {}", NameOf(server), names));
+  const std::string_view advice =
+      server == Server::kGateway ? "" : "; connect to the gateway's address for the others";
+  return Status(StatusCode::kUnsupported,
+                fmt::format("{} answers {}{}", NameOf(server), names, advice));
 }
 
 }  // namespace b4mrl

@@ -61,7 +61,8 @@ constexpr bool HandlesAll(Server server, const Row (&handlers)[n]) {
   });
 }
 
-// kUnsupported, with the names of the requests that clients may send to `server`.
+// kUnsupported, with the names of the requests that clients may send to `server`, and where the
+// others go.
 Status NotAnswered(Server server);
 
 }  // namespace b4mrl

@@ -70,12 +70,13 @@ Result<UniqueFd> Listen(int type, const sockaddr* address, socklen_t size,
   return fd;
 }
 
-enum class FileState { kNone, kStale, kInUse };
+enum class FileState { kNone, kNoSocket, kStale, kInUse };
 
 // Whether a process listens on a socket file, or it was left by a daemon that was killed.
 FileState StateOf(const sockaddr_un& address) {
   struct stat info {};
-  if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return FileState::kNone;
+  if (lstat(address.sun_path, &info) != 0) return FileState::kNone;
+  if (!S_ISSOCK(info.st_mode)) return FileState::kNoSocket;
   // Waits for nobody: where the queue of a stopped daemon is full, the answer is EAGAIN.
   const UniqueFd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
@@ -182,7 +183,12 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to,
   const sockaddr_un address = AddressOfFile(checked);
   AwaitEndOfListening(address);
   const UniqueFd lock = LockFolder(FolderOfSocket(checked));
-  if (StateOf(address) == FileState::kStale) unlink(address.sun_path);
+  const FileState state = StateOf(address);
+  if (state == FileState::kStale) unlink(address.sun_path);
+  if (state == FileState::kNoSocket) {
+    return Status(StatusCode::kIoError,
+                  fmt::format("cannot listen on {}: a file that is no socket is in the way", name));
+  }
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
   B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(SOCK_STREAM, generic, sizeof(address), name));
   struct stat info {};
@@ -190,6 +196,14 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to,
   files->push_back({checked, info.st_dev, info.st_ino});
   to->push_back({name, fd.Release()});
   return Status();
+}
+
+// Adds to the error of a worker's port, which no user has named, why the daemon listens there.
+Status ExplainWorkerPort(const Status& status, uint32_t base) {
+  return Status(status.code(),
+                fmt::format("{}; a daemon at port {} also takes the ports after it, one for each "
+                            "worker and the next for datasets (--single-port: none)",
+                            status.message(), base));
 }
 
 // Opens the listeners of one worker: at the gateway's port + `offset`, and at its ipc path followed
@@ -212,7 +226,9 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
       hosts_done.push_back(tcp.host.s_addr);
       // Every host gets the port of the first host, because clients are told one number.
       const uint32_t port = base == 0 ? told->tcp : base + offset;
-      B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, static_cast<uint16_t>(port), to, &told->tcp));
+      const Status added = AddTcp(tcp.host, static_cast<uint16_t>(port), to, &told->tcp);
+      if (!added.ok() && base != 0) return ExplainWorkerPort(added, base);
+      B4MRL_RETURN_IF_ERROR(added);
     }
   }
   if (!plan.ipc.empty()) {

@@ -47,10 +47,12 @@ TEST_CASE("A refusal names what clients may ask its server for") {
   CHECK(gateway.message() == "the gateway answers Hello, Catalogue, ServerStatus, Open, Ledger");
   const Status worker = NotAnswered(Server::kWorker);
   CHECK(worker.message() ==
-        "an environment worker answers Step, Reset, Query, Snapshot, Restore, Render, Close");
+        "an environment worker answers Step, Reset, Query, Snapshot, Restore, Render, Close; "
+        "connect to the gateway's address for the others");
   const Status datasets = NotAnswered(Server::kDatasetWorker);
   CHECK(datasets.message() ==
-        "the dataset worker answers ListDatasets, OpenDataset, DatasetStats, Sample, Read");
+        "the dataset worker answers ListDatasets, OpenDataset, DatasetStats, Sample, Read; "
+        "connect to the gateway's address for the others");
 }
 
 }  // namespace

@@ -21,6 +21,7 @@
 #include "proto/base/unique_fd.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/environment_variable.h"
+#include "tests/loopback.h"
 #include "tests/results.h"
 
 namespace b4mrl {
@@ -97,6 +98,44 @@ TEST_CASE("The socket file of a daemon that answers nobody is refused") {
   const std::vector<UniqueFd> waiting = FillQueueOf(path);
   CHECK(OpenListeners(OptionsOn(path)).status().code() == StatusCode::kIoError);
   CHECK(std::filesystem::exists(path));
+}
+
+TEST_CASE("A file that is no socket is told from a daemon's, and stays") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("notes");
+  WriteBytes(path, "mine");
+  const Status refused = OpenListeners(OptionsOn(path)).status();
+  CHECK(refused.code() == StatusCode::kIoError);
+  CHECK_THAT(refused.message(), Catch::Contains(path) && Catch::Contains("that is no socket"));
+  CHECK(ReadBytes(path) == "mine");
+}
+
+TEST_CASE("A worker's port in use is explained by the gateway's, which the user has named") {
+  // Of a port that is taken, the one before must be free for the gateway, which the system cannot
+  // be asked for.
+  UniqueFd taken;
+  for (int attempt = 0; attempt < 100 && !taken.valid(); ++attempt) {
+    UniqueFd drawn = ListenOnLoopback(0);
+    REQUIRE(drawn.valid());
+    const auto before = static_cast<uint16_t>(PortOf(drawn) - 1);
+    if (ListenOnLoopback(before).valid()) taken = std::move(drawn);
+  }
+  REQUIRE(taken.valid());
+  ServeOptions options;
+  options.workers = 1;
+  options.no_door = true;
+  const auto refused = [&](int port) {
+    options.binds = {"tcp://127.0.0.1:" + std::to_string(port)};
+    const Status status = OpenListeners(options).status();
+    CHECK(status.code() == StatusCode::kIoError);
+    CHECK_THAT(status.message(),
+               Catch::Contains("tcp://127.0.0.1:" + std::to_string(PortOf(taken)) + ": Address"));
+    return status.message();
+  };
+  const int gateway = PortOf(taken) - 1;
+  CHECK_THAT(refused(gateway), Catch::Contains("a daemon at port " + std::to_string(gateway) +
+                                               " also takes the ports after it"));
+  CHECK_THAT(refused(PortOf(taken)), !Catch::Contains("the ports after it"));
 }
 
 TEST_CASE("Of daemons that are started on one path at once, one alone gets it") {
