@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
@@ -23,6 +24,7 @@ namespace {
 // would have more numbers.
 constexpr uint64_t kRowsAtOnce = 131'072, kNumbersAtOnce = 32 << 20;
 constexpr uint32_t kLanes = 128;
+constexpr std::string_view kStage = "step again";  // for the progress
 
 // The first number that differs in a bit.
 std::optional<RowDifference> Compare(uint64_t row, std::string_view column,
@@ -51,15 +53,17 @@ struct Episode {
 // Verifies one part of a file: rows of one seed.
 class PartVerifier {
  public:
-  PartVerifier(const DatasetFileReader& file, const RecordedPart& part, RemoteEnvironment session)
+  PartVerifier(const DatasetFileReader& file, const RecordedPart& part, RemoteEnvironment session,
+               Progress& progress)
       : file_(file),
         part_(part),
         session_(std::move(session)),
+        progress_(progress),
         lanes_(session_.num_envs()),
         next_number_(file.replay_first_episode().value_or(0)) {}
 
   // Verifies the rows [first_row, first_row + part.rows) of the file.
-  Result<std::optional<RowDifference>> Run(uint64_t first_row, Progress& progress);
+  Result<std::optional<RowDifference>> Run(uint64_t first_row);
 
  private:
   // The block's episodes, in order. A block that is not the part's last ends with its last whole
@@ -68,6 +72,9 @@ class PartVerifier {
   Status VerifyBlock(std::vector<Episode> episodes);
   Status Start(std::span<const uint32_t> lanes, std::vector<Episode>& waiting);
   Result<StepOutcome> ResetLanes(std::span<const uint32_t> lanes);
+  // Starts the first episode of a replay's rows, which is as many resets away as there were
+  // episodes before it.
+  Result<StepOutcome> StartReplay();
   Status StepLanes(const std::vector<uint32_t>& busy);
   // Compares the row that a lane has stepped; returns whether the lane's episode goes on.
   bool CompareStep(Episode& lane, const StepOutcome& outcome, size_t position);
@@ -80,6 +87,7 @@ class PartVerifier {
   const DatasetFileReader& file_;
   const RecordedPart& part_;
   RemoteEnvironment session_;
+  Progress& progress_;
   std::vector<Episode> lanes_;
   uint64_t next_number_;
   bool replay_started_ = false;
@@ -88,7 +96,7 @@ class PartVerifier {
   std::optional<RowDifference> first_;
 };
 
-Result<std::optional<RowDifference>> PartVerifier::Run(uint64_t first_row, Progress& progress) {
+Result<std::optional<RowDifference>> PartVerifier::Run(uint64_t first_row) {
   const uint64_t end = first_row + part_.rows;
   const uint64_t row_numbers = file_.row_numbers();
   const uint64_t most = std::min(kRowsAtOnce, kNumbersAtOnce / row_numbers);
@@ -99,7 +107,7 @@ Result<std::optional<RowDifference>> PartVerifier::Run(uint64_t first_row, Progr
     const uint64_t verified = episodes.back().end;
     B4MRL_RETURN_IF_ERROR(VerifyBlock(std::move(episodes)));
     block_row_ += verified;
-    progress.Update(block_row_);
+    progress_.Update(block_row_);
   }
   return first_;
 }
@@ -163,21 +171,26 @@ Status PartVerifier::Start(std::span<const uint32_t> lanes, std::vector<Episode>
 }
 
 Result<StepOutcome> PartVerifier::ResetLanes(std::span<const uint32_t> lanes) {
-  std::vector<uint64_t> seeds;
   if (!file_.replay_first_episode()) {
+    std::vector<uint64_t> seeds;
     for (const uint32_t lane : lanes) seeds.push_back(EpisodeSeed(part_.seed, lanes_[lane].number));
     return session_.Reset(lanes, seeds);
   }
   // A run's one lane goes on from episode to episode; the file begins with one of them.
-  if (!std::exchange(replay_started_, true)) {
-    seeds = {TrainLaneSeed(part_.seed, 0)};
-    B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, session_.Reset(lanes, seeds));
-    for (uint64_t episode = 0; episode < *file_.replay_first_episode(); ++episode) {
-      B4MRL_ASSIGN_OR_RETURN(outcome, session_.Reset(lanes));
-    }
-    return outcome;
+  return std::exchange(replay_started_, true) ? session_.Reset(lanes) : StartReplay();
+}
+
+Result<StepOutcome> PartVerifier::StartReplay() {
+  const uint64_t earlier = *file_.replay_first_episode();
+  const std::array<uint64_t, 1> seeds = {TrainLaneSeed(part_.seed, 0)};
+  if (earlier > 0) progress_.Start("pass over earlier episodes", "episodes", earlier);
+  B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, session_.Reset({}, seeds));
+  for (uint64_t episode = 0; episode < earlier; ++episode) {
+    B4MRL_ASSIGN_OR_RETURN(outcome, session_.Reset());
+    progress_.Update(episode + 1);
   }
-  return session_.Reset(lanes);
+  progress_.Start(kStage, "rows", file_.rows());
+  return outcome;
 }
 
 Status PartVerifier::StepLanes(const std::vector<uint32_t>& busy) {
@@ -348,14 +361,14 @@ Result<std::optional<RowDifference>> VerifyRecording(const DatasetFileReader& fi
                               file.rows()));
   }
   const uint32_t lanes = file.replay_first_episode() ? 1 : kLanes;
-  progress.Start("step again", "rows", file.rows());
+  // A replay passes over earlier episodes first, whose progress is another one.
+  if (!file.replay_first_episode()) progress.Start(kStage, "rows", file.rows());
   uint64_t first_row = 0;
   for (const RecordedPart& part : provenance.parts) {
     B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, OpenFor(file, provenance.environment,
                                                               provenance.simulator, lanes, client));
-    PartVerifier verifier(file, part, std::move(session));
-    B4MRL_ASSIGN_OR_RETURN(const std::optional<RowDifference> difference,
-                           verifier.Run(first_row, progress));
+    PartVerifier verifier(file, part, std::move(session), progress);
+    B4MRL_ASSIGN_OR_RETURN(const std::optional<RowDifference> difference, verifier.Run(first_row));
     if (difference) return difference;
     first_row += part.rows;
   }

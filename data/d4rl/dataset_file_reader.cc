@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <utility>
 
 #include "proto/base/limits.h"
@@ -67,8 +68,9 @@ Result<DatasetFileReader> DatasetFileReader::Open(const std::string& path) {
   const std::string first_episode = fmt::format("metadata/{}", kReplayFirstEpisode);
   if (!file.Exists(first_episode)) return reader;
   B4MRL_ASSIGN_OR_RETURN(const double episode, file.ReadNumber(first_episode));
-  if (!(episode >= 0 && episode < limits::kMaxDatasetRows)) {
-    return InvalidNumber(first_episode, episode, fmt::format("0..{}", limits::kMaxDatasetRows - 1));
+  if (!(episode >= 0 && episode < limits::kMaxDatasetRows && episode == std::floor(episode))) {
+    return InvalidNumber(first_episode, episode,
+                         fmt::format("whole numbers in 0..{}", limits::kMaxDatasetRows - 1));
   }
   reader.first_episode_ = static_cast<uint64_t>(episode);
   return reader;

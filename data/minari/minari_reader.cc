@@ -148,10 +148,10 @@ Status MinariReader::CopyTo(DatasetWriter& writer, uint64_t* unfinished,
       B4MRL_ASSIGN_OR_RETURN(Block block, episode.Read(first, count));
       if (first + count == episode.rows()) *unfinished += EndEpisode(number, &block);
       B4MRL_RETURN_IF_ERROR(writer.Append(block.View(observation_size())));
+      if (writer.rows() - called_at < kRowsBetweenCalls) continue;
+      called_at = writer.rows();
+      B4MRL_RETURN_IF_ERROR(go_on(called_at));
     }
-    if (writer.rows() - called_at < kRowsBetweenCalls) continue;
-    called_at = writer.rows();
-    B4MRL_RETURN_IF_ERROR(go_on(called_at));
   }
   if (writer.rows() == metadata().rows) return Status();
   return Status(StatusCode::kDataLoss,

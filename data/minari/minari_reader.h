@@ -36,8 +36,8 @@ class MinariReader {
   // terminals, truncations become time-outs. The last row of an episode that has neither is marked
   // as timed out, because the rows of the next episode do not continue it; `unfinished` counts
   // these episodes. Where the metadata say last_is_unfinished, the last row is no time-out. Calls
-  // `go_on` with the number of rows so far, every few thousand rows; an error of `go_on` ends the
-  // call.
+  // `go_on` with the number of rows so far, every few thousand rows and within long episodes too;
+  // an error of `go_on` ends the call.
   Status CopyTo(DatasetWriter& writer, uint64_t* unfinished,
                 const std::function<Status(uint64_t rows)>& go_on) const;
 

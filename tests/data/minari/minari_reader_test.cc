@@ -14,14 +14,16 @@ namespace b4mrl {
 namespace {
 
 // Copies the Minari dataset `id` of `root` into `file`.
-Status Convert(const TemporaryFolder& root, const std::string& id, const std::string& file,
-               uint64_t* unfinished) {
+Status Convert(
+    const TemporaryFolder& root, const std::string& id, const std::string& file,
+    uint64_t* unfinished,
+    const std::function<Status(uint64_t)>& go_on = [](uint64_t) { return Status(); }) {
   B4MRL_ASSIGN_OR_RETURN(const MinariReader reader, MinariReader::Open(root.File(id + "/data")));
   DatasetWriterOptions options;
   options.observation_dimensions = reader.observation_size();
   options.action_dimensions = reader.action_size();
   B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(file, options));
-  B4MRL_RETURN_IF_ERROR(reader.CopyTo(writer, unfinished, [](uint64_t) { return Status(); }));
+  B4MRL_RETURN_IF_ERROR(reader.CopyTo(writer, unfinished, go_on));
   return writer.Commit();
 }
 
@@ -104,6 +106,22 @@ TEST_CASE("rewards may be whole numbers, as those of CartPole are in some datase
   const auto back = DatasetFileReader::Open(root.File("back.h5"));
   REQUIRE(back.ok());
   CHECK(back->Read(0, 2)->rewards == std::vector<float>{1, 3});
+}
+
+TEST_CASE("a long episode can be interrupted before its end") {
+  const TemporaryFolder root;
+  constexpr uint64_t kRows = 9000;  // more than one block of rows so wide
+  const ExampleDataset data = MakeExampleDataset({kRows}, /*observation_size=*/500);
+  REQUIRE(WriteMinariExample(root.path(), data, "x-v0", /*step=*/1000).ok());
+  uint64_t unfinished = 0, copied = 0;
+  const Status status =
+      Convert(root, "x-v0", root.File("back.h5"), &unfinished, [&](uint64_t rows) {
+        copied = rows;
+        return Status(StatusCode::kUnavailable, "interrupted");
+      });
+  CHECK(status.code() == StatusCode::kUnavailable);
+  CHECK(copied > 0);
+  CHECK(copied < kRows);
 }
 
 TEST_CASE("arrays of other types, ranks and lengths than the layout's are refused by name") {
