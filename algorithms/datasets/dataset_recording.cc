@@ -11,8 +11,6 @@
 #include "algorithms/episodes/collect.h"
 #include "algorithms/episodes/replay.h"
 #include "algorithms/policy/observation_mask.h"
-#include "data/d4rl/action_log.h"
-#include "data/d4rl/agent_file.h"
 #include "data/d4rl/dataset_file_reader.h"
 #include "data/files/file_hash.h"
 #include "proto/base/version.h"
@@ -33,7 +31,8 @@ class Session {
   // Fills the provenance but for its parts.
   Status Describe(const std::string& simulator);
   Status RecordEpisodes();
-  Status RecordPart(const std::string& agent_file, uint64_t rows, uint64_t seed, bool whole);
+  // Records by the order's agent of that number or, in an order without agents, random actions.
+  Status RecordPart(size_t agent, uint64_t rows, uint64_t seed, bool whole);
   Status RecordReplay(const ActionLog& log);
   void AddPart(std::string policy, std::string sha256, uint64_t seed, uint64_t rows);
   Status WriteMetadata();
@@ -43,24 +42,19 @@ class Session {
   Progress progress_;
   EnvironmentSpec environment_;
   std::optional<Recorder> recorder_;
-  std::optional<Agent> agent_;  // of the first part
   Recording recording_;
 };
 
 Result<Recording> Session::Run(const std::string& path) {
   B4MRL_ASSIGN_OR_RETURN(environment_, client_.FindEnvironment(order_.environment));
   const bool is_replay = order_.kind == RecipeKind::kReplay;
-  std::optional<ActionLog> log;
-  if (is_replay) {
-    B4MRL_ASSIGN_OR_RETURN(log, ReadActionLog(order_.files.front()));
-  }
-  B4MRL_RETURN_IF_ERROR(Describe(is_replay ? log->simulator : order_.simulator));
+  B4MRL_RETURN_IF_ERROR(Describe(is_replay ? order_.log->simulator : order_.simulator));
   DatasetWriterOptions options;
   options.observation_dimensions = static_cast<uint32_t>(environment_.observation.size());
   options.action_dimensions = static_cast<uint32_t>(environment_.action.size());
   options.action_log_probs = !is_replay;  // a log holds no densities
   B4MRL_ASSIGN_OR_RETURN(recorder_, Recorder::Create(path, options));
-  B4MRL_RETURN_IF_ERROR(is_replay ? RecordReplay(*log) : RecordEpisodes());
+  B4MRL_RETURN_IF_ERROR(is_replay ? RecordReplay(*order_.log) : RecordEpisodes());
   recording_.summary = recorder_->Summarise();
   if (recording_.summary.episodes > 0) {
     recording_.score = environment_.NormalisedScore(recording_.summary.mean_return);
@@ -100,18 +94,15 @@ Status Session::RecordEpisodes() {
   if (order_.kind == RecipeKind::kConcatenation) {
     recording_.provenance.recipe =
         "whole episodes of one agent in the first half of the rows, episodes of another from there";
-    B4MRL_RETURN_IF_ERROR(
-        RecordPart(order_.files[0], order_.rows / 2, order_.seed, /*whole=*/true));
-    return RecordPart(order_.files[1], order_.rows - recorder_->rows(), order_.seed + 1,
+    B4MRL_RETURN_IF_ERROR(RecordPart(/*agent=*/0, order_.rows / 2, order_.seed, /*whole=*/true));
+    return RecordPart(/*agent=*/1, order_.rows - recorder_->rows(), order_.seed + 1,
                       /*whole=*/false);
   }
   recording_.provenance.recipe = "episodes of one behaviour policy";
-  return RecordPart(order_.kind == RecipeKind::kUniform ? "" : order_.files[0], order_.rows,
-                    order_.seed, /*whole=*/false);
+  return RecordPart(/*agent=*/0, order_.rows, order_.seed, /*whole=*/false);
 }
 
-Status Session::RecordPart(const std::string& agent_file, uint64_t rows, uint64_t seed,
-                           bool whole) {
+Status Session::RecordPart(size_t agent, uint64_t rows, uint64_t seed, bool whole) {
   CollectOptions options;
   options.environment = environment_.name;
   B4MRL_ASSIGN_OR_RETURN(options.simulator, ParseNamedArguments(order_.simulator));
@@ -120,14 +111,12 @@ Status Session::RecordPart(const std::string& agent_file, uint64_t rows, uint64_
   options.seed = seed;
   Behaviour behaviour = Behaviour::Uniform(environment_);
   std::string policy = "uniformly random actions", sha256;
-  if (!agent_file.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(Agent agent, ReadAgent(agent_file));
-    B4MRL_ASSIGN_OR_RETURN(behaviour, Behaviour::OfAgent(agent, environment_));
-    B4MRL_ASSIGN_OR_RETURN(sha256, Sha256OfFile(agent_file));
-    policy =
-        fmt::format("{} after {} updates", agent.provenance.algorithm, agent.provenance.updates);
+  if (!order_.agents.empty()) {
+    const Agent& acts = order_.agents[agent];
+    B4MRL_ASSIGN_OR_RETURN(behaviour, Behaviour::OfAgent(acts, environment_));
+    sha256 = order_.sha256[agent];
+    policy = fmt::format("{} after {} updates", acts.provenance.algorithm, acts.provenance.updates);
     std::ranges::replace(policy, ';', ',');
-    if (!agent_) agent_ = std::move(agent);
   }
   DatasetProvenance& provenance = recording_.provenance;
   provenance.history_length =
@@ -149,12 +138,11 @@ Status Session::RecordReplay(const ActionLog& log) {
   if (log.environment != environment_.name) {
     return InvalidArgument("environment of the action log", log.environment, environment_.name);
   }
-  B4MRL_ASSIGN_OR_RETURN(std::string sha256, Sha256OfFile(order_.files.front()));
   B4MRL_ASSIGN_OR_RETURN(const uint64_t first_episode,
                          ReplayActions(log, order_.rows, client_, *recorder_, progress_));
   recording_.provenance.recipe = fmt::format(
       "the transitions of a training run, stepped again from its actions: {}", log.command);
-  AddPart("a learner in training, its warm-up included", std::move(sha256), log.seed,
+  AddPart("a learner in training, its warm-up included", order_.sha256.front(), log.seed,
           recorder_->rows());
   return recorder_->writer().SetMetadata(kReplayFirstEpisode, static_cast<int64_t>(first_episode));
 }
@@ -164,8 +152,9 @@ Status Session::WriteMetadata() {
   const RecordingSummary& summary = recording_.summary;
   B4MRL_RETURN_IF_ERROR(writer.SetProvenance(recording_.provenance));
   if (order_.kind == RecipeKind::kAgent) {
-    agent_->provenance.environment = environment_.name;  // it may be another task's, of equal sizes
-    B4MRL_RETURN_IF_ERROR(writer.SetPolicy(*agent_));
+    Agent agent = order_.agents.front();
+    agent.provenance.environment = environment_.name;  // it may be another task's, of equal sizes
+    B4MRL_RETURN_IF_ERROR(writer.SetPolicy(agent));
   } else {
     std::string policies;
     for (const RecordedPart& part : recording_.provenance.parts) {
@@ -184,6 +173,27 @@ Status Session::WriteMetadata() {
 }
 
 }  // namespace
+
+Status ReadFiles(RecordingOrder& order) {
+  for (const std::string& file : order.files) {
+    if (order.kind == RecipeKind::kReplay) {
+      B4MRL_ASSIGN_OR_RETURN(order.log, ReadActionLog(file));
+    } else {
+      B4MRL_ASSIGN_OR_RETURN(Agent agent, ReadAgent(file));
+      order.agents.push_back(std::move(agent));
+    }
+    B4MRL_ASSIGN_OR_RETURN(std::string sha256, Sha256OfFile(file));
+    order.sha256.push_back(std::move(sha256));
+  }
+  return Status();
+}
+
+Status CheckAgents(const RecordingOrder& order, const EnvironmentSpec& environment) {
+  for (const Agent& agent : order.agents) {
+    B4MRL_RETURN_IF_ERROR(Behaviour::OfAgent(agent, environment).status());
+  }
+  return Status();
+}
 
 Result<Recording> Record(const RecordingOrder& order, const std::string& path, Client& client,
                          bool quiet) {

@@ -9,8 +9,11 @@
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/episodes/recorder.h"
 #include "client/client.h"
+#include "data/d4rl/action_log.h"
+#include "data/d4rl/agent_file.h"
 #include "data/d4rl/dataset_provenance.h"
 #include "data/files/atomic_file.h"
+#include "proto/base/spec.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -27,7 +30,18 @@ struct RecordingOrder {
   std::string command;  // the command line that makes the file again
   // What is done with a file that appears while the dataset is recorded.
   Existing existing = Existing::kKeep;
+
+  // What ReadFiles finds in `files`, one for each of them.
+  std::vector<std::string> sha256;
+  std::vector<Agent> agents;     // empty for replays
+  std::optional<ActionLog> log;  // of a replay
 };
+
+// Reads the order's files into it. Errors: those of the files. Asks no daemon.
+Status ReadFiles(RecordingOrder& order);
+// kInvalidArgument when an agent of the order is deterministic or has other sizes than the
+// environment.
+Status CheckAgents(const RecordingOrder& order, const EnvironmentSpec& environment);
 
 struct Recording {
   RecordingSummary summary;
@@ -38,9 +52,9 @@ struct Recording {
 // The licence of all data that is made: Creative Commons Attribution 4.0.
 inline constexpr char kDataLicence[] = "CC-BY-4.0";
 
-// Writes the file at `path`, complete or not at all. Equal orders give equal bytes, whatever the
-// daemon's numbers of workers and threads and the processor. Errors: those of Collect and
-// ReplayActions, of reading the order's files and of writing.
+// Writes the file at `path`, complete or not at all, by an order whose files have been read. Equal
+// orders give equal bytes, whatever the daemon's numbers of workers and threads and the processor.
+// Errors: those of CheckAgents, Collect and ReplayActions, and of writing.
 Result<Recording> Record(const RecordingOrder& order, const std::string& path, Client& client,
                          bool quiet);
 

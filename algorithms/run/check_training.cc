@@ -40,10 +40,13 @@ Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm) {
   };
   if (options.environment.empty()) return InvalidArgument("--environment", "", "a name");
   if (algorithm.needs.dataset && options.dataset.empty()) {
-    return refuse("--dataset", "", "a dataset is needed");
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("--dataset is missing: {} learns from a dataset", algorithm.name));
   }
   if (!algorithm.needs.dataset && !options.dataset.empty()) {
-    return refuse("--dataset", options.dataset, "nothing");
+    return InvalidArgument(
+        "--dataset", options.dataset,
+        fmt::format("nothing, as {} learns in the simulator alone", algorithm.name));
   }
   if (!algorithm.needs.dataset && !options.corruption.empty()) {
     return refuse("--corruption", options.corruption, "nothing");

@@ -214,12 +214,20 @@ Status ExportCommand::WriteMinari(Client& client, RemoteDataset& dataset) const 
   return Status();
 }
 
-// Rows that Minari cannot hold and a folder that exists are faults of the input, not refusals of
-// the daemon.
+// Rows and episodes that Minari cannot hold and a folder that exists are faults of the input, not
+// refusals of the daemon. A file that another process is writing is neither.
 std::optional<Failure> FailureOf(Status status) {
-  if (status.ok()) return std::nullopt;
-  if (status.code() == StatusCode::kFailedPrecondition) return BadInput(std::move(status));
-  return FromDaemon(std::move(status));
+  switch (status.code()) {
+    case StatusCode::kOk:
+      return std::nullopt;
+    case StatusCode::kFailedPrecondition:
+    case StatusCode::kLimitExceeded:
+      return BadInput(std::move(status));
+    case StatusCode::kBusy:
+      return Failure{kExitBusy, std::move(status)};
+    default:
+      return FromDaemon(std::move(status));
+  }
 }
 
 std::optional<Failure> ExportCommand::Run() const {

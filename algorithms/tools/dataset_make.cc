@@ -38,9 +38,9 @@ struct MakeCommand {
   // Makes every dataset that the data folder does not have. One that fails is reported and does not
   // keep the others back.
   std::optional<Failure> MakeAll(Destination& destination) const;
-  std::optional<Failure> MakeOne(const std::string& dataset, Destination& destination) const;
-  // What to record for the dataset of that name; `recipe` is null for a name of the user's own.
-  Result<RecordingOrder> OrderOf(const std::string& dataset, const DatasetRecipe* recipe) const;
+  std::optional<Failure> MakeOne(const RecordingOrder& order, Destination& destination) const;
+  // What to record for the dataset of that name, its files read. Asks no daemon.
+  Result<RecordingOrder> OrderOf(const std::string& dataset) const;
   Status ApplyOptions(RecordingOrder& order) const;
   bool ChangesRecipe() const { return !agent.empty() || rows || seed || simulator; }
   void Print(const RecordingOrder& order, const std::string& path, const std::string& sha256,
@@ -52,12 +52,16 @@ std::string SourceFile(std::string_view folder, std::string_view stem) {
                      SharedFolder(folder, fmt::format("{}/{}", B4MRL_DATA_FOLDER, folder)), stem);
 }
 
-Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,
-                                            const DatasetRecipe* recipe) const {
+Failure OrderFailure(const Status& status) {
+  return IsOfOption(status) ? BadUsage(status) : BadInput(status);
+}
+
+Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset) const {
   RecordingOrder order;
   B4MRL_ASSIGN_OR_RETURN(const DatasetName parts, ParseDatasetName(dataset));
   order.name = dataset;
   order.environment = parts.folder;
+  const DatasetRecipe* const recipe = FindRecipe(dataset);  // null for a name of the user's own
   if (recipe == nullptr) {
     if (agent.empty()) {
       std::vector<std::string> names;
@@ -84,6 +88,11 @@ Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,
     }
   }
   B4MRL_RETURN_IF_ERROR(ApplyOptions(order));
+  B4MRL_RETURN_IF_ERROR(ReadFiles(order));
+  if (order.log && order.rows > order.log->rows) {
+    return InvalidNumber("--rows", order.rows,
+                         fmt::format("1..{}, which the run has", order.log->rows));
+  }
   return order;
 }
 
@@ -102,6 +111,7 @@ Status MakeCommand::ApplyOptions(RecordingOrder& order) const {
   if (simulator) {
     if (is_replay)
       return InvalidArgument("--simulator", *simulator, "none for a run's transitions");
+    B4MRL_RETURN_IF_ERROR(ParseNamedArguments(*simulator).status().WithContext("--simulator"));
     order.simulator = *simulator;
     order.command += " --simulator " + ShellWord(*simulator);
   }
@@ -133,13 +143,16 @@ std::optional<Failure> MakeCommand::Run() {
   if (all && (!agent.empty() || seed || simulator)) {
     return BadUsage(InvalidArgument("all", "--agent, --seed or --simulator", "--rows alone"));
   }
-  if (!all) {  // what is wrong with a name or an option shows before a daemon is started
-    const auto order = OrderOf(name, FindRecipe(name));
-    if (!order.ok()) return BadInput(order.status());
-  }
   Destination destination;
+  if (all) {
+    if (auto failure = destination.Open(daemon)) return failure;
+    return MakeAll(destination);
+  }
+  // What is wrong with a name, an option or a file shows before a daemon is started.
+  const auto order = OrderOf(name);
+  if (!order.ok()) return OrderFailure(order.status());
   if (auto failure = destination.Open(daemon)) return failure;
-  return all ? MakeAll(destination) : MakeOne(name, destination);
+  return MakeOne(*order, destination);
 }
 
 std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
@@ -160,11 +173,12 @@ std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
       if (!quiet) fmt::print(stderr, "{}: is there already\n", full_name);
       continue;
     }
-    auto failure = MakeOne(full_name, destination);
+    const auto order = OrderOf(full_name);
+    auto failure = order.ok() ? MakeOne(*order, destination) : OrderFailure(order.status());
     if (!failure) continue;
     if (Interrupted()) return failure;
     fmt::print(stderr, "{}: {}\n", full_name, failure->status.message());
-    if (failure->status.code() == StatusCode::kBusy) continue;  // another process makes it
+    if (failure->exit_code == kExitBusy) continue;  // another process makes it, or has just done so
     ++failed;
     if (!first) first = std::move(failure);
   }
@@ -190,17 +204,19 @@ Result<std::string> Verdict(const RecordingOrder& order, const Recording& made, 
                                                    order.name, fmt::join(differences, "; ")));
 }
 
-std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
+std::optional<Failure> MakeCommand::MakeOne(const RecordingOrder& order,
                                             Destination& destination) const {
-  const DatasetRecipe* recipe = FindRecipe(dataset);
-  const auto order = OrderOf(dataset, recipe);
-  if (!order.ok()) return BadInput(order.status());
   if (auto failure =
-          destination.Prepare(order->name, replace, "choose another name, or --replace it")) {
+          destination.Prepare(order.name, replace, "choose another name, or --replace it")) {
     return failure;
   }
+  const auto recorded_in = destination.client().FindEnvironment(order.environment);
+  if (!recorded_in.ok()) return FromDaemon(recorded_in.status());
+  if (Status status = CheckAgents(order, *recorded_in); !status.ok()) {
+    return BadInput(std::move(status));
+  }
   const std::string& path = destination.path();
-  const auto made = Record(*order, path, destination.client(), quiet);
+  const auto made = Record(order, path, destination.client(), quiet);
   // Such a file was not there when the recording began.
   std::error_code unknown;  // what cannot be looked at has not appeared
   const bool appeared = !replace && std::filesystem::exists(path, unknown);
@@ -209,8 +225,8 @@ std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
   if (!made.ok()) return FromDaemon(made.status());
   const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());
-  const auto verdict = Verdict(*order, *made, ChangesRecipe());
-  Print(*order, path, *sha256, *made, verdict.ok() ? *verdict : "differs from the published one");
+  const auto verdict = Verdict(order, *made, ChangesRecipe());
+  Print(order, path, *sha256, *made, verdict.ok() ? *verdict : "differs from the published one");
   if (verdict.ok()) return std::nullopt;
   return Failure{kExitFailed, verdict.status()};
 }

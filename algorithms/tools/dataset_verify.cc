@@ -4,13 +4,17 @@
 // (data/hdf5/hdf5_file.h) but without the importer's sandbox.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <system_error>
+#include <utility>
 
 #include "algorithms/base/progress.h"
 #include "algorithms/episodes/verify.h"
 #include "algorithms/tools/command.h"
+#include "algorithms/tools/dataset_place.h"
 #include "data/d4rl/dataset_file_reader.h"
 
 namespace b4mrl {
@@ -25,6 +29,10 @@ struct VerifyCommand {
   DaemonOptions daemon;
 
   std::optional<Failure> Run();
+  // Connects to the daemon unless that has been done.
+  std::optional<Failure> Connect(std::optional<DaemonConnection>& connection) const;
+  // Replaces the name of a dataset by the file that the daemon serves under it.
+  std::optional<Failure> FindFile(std::optional<DaemonConnection>& connection);
   std::optional<Failure> Recording(const DatasetFileReader& reader, Client& client) const;
   std::optional<Failure> States(const DatasetFileReader& reader, Client& client) const;
   void PrintJson(const Json& out) const {
@@ -32,7 +40,39 @@ struct VerifyCommand {
   }
 };
 
+std::optional<Failure> VerifyCommand::Connect(std::optional<DaemonConnection>& connection) const {
+  if (connection) return std::nullopt;
+  auto opened = DaemonConnection::Open(daemon);
+  if (!opened.ok()) return FromDaemon(opened.status());
+  connection.emplace(*std::move(opened));
+  return std::nullopt;
+}
+
+std::optional<Failure> VerifyCommand::FindFile(std::optional<DaemonConnection>& connection) {
+  std::error_code unknown;  // what cannot be looked at is no file to read either
+  if (std::filesystem::exists(file, unknown) || !ParseDatasetName(file).ok()) return std::nullopt;
+  if (auto failure = Connect(connection)) return failure;
+  const auto served = connection->client().OpenDataset(file);
+  if (!served.ok()) return FromDataset(served.status(), file);
+  const auto folder = connection->DataFolder();
+  if (!folder.ok()) return FromDaemon(folder.status());
+  const auto name = ParseDatasetName(served->in_force().info().name());  // with its version
+  if (!name.ok()) return BadInput(name.status());
+  file = DatasetPath(*folder, *name);
+  return std::nullopt;
+}
+
+// What the daemon refuses to open, to restore or to step is what the file says.
+Failure VerifyFailure(const Status& status) {
+  const bool is_of_file = status.code() == StatusCode::kInvalidArgument ||
+                          status.code() == StatusCode::kUnknownName ||
+                          status.code() == StatusCode::kUnsupported;
+  return is_of_file ? BadInput(status) : FromDaemon(status);
+}
+
 std::optional<Failure> VerifyCommand::Run() {
+  std::optional<DaemonConnection> connection;
+  if (auto failure = FindFile(connection)) return failure;
   const auto reader = DatasetFileReader::Open(file);
   if (!reader.ok()) return BadInput(reader.status());
   const bool is_recording = !reader->provenance().parts.empty();
@@ -47,8 +87,7 @@ std::optional<Failure> VerifyCommand::Run() {
     return BadUsage(InvalidArgument("--environment", environment,
                                     "nothing for a recording, which names its environment"));
   }
-  auto connection = DaemonConnection::Open(daemon);
-  if (!connection.ok()) return FromDaemon(connection.status());
+  if (auto failure = Connect(connection)) return failure;
   return is_recording ? Recording(*reader, connection->client())
                       : States(*reader, connection->client());
 }
@@ -57,7 +96,7 @@ std::optional<Failure> VerifyCommand::Recording(const DatasetFileReader& reader,
                                                 Client& client) const {
   Progress progress(quiet);
   const auto difference = VerifyRecording(reader, client, progress);
-  if (!difference.ok()) return FromDaemon(difference.status().WithContext(file));
+  if (!difference.ok()) return VerifyFailure(difference.status().WithContext(file));
   const bool is_equal = !difference->has_value();
   const uint64_t equal_rows = is_equal ? reader.rows() : (*difference)->row;
   if (json) {
@@ -103,9 +142,12 @@ std::optional<Failure> VerifyCommand::States(const DatasetFileReader& reader,
   if (task.empty()) {
     return BadUsage(InvalidArgument("--environment", "", "the environment of the file's rows"));
   }
+  if (const auto known = client.FindEnvironment(task); !known.ok()) {
+    return FromDaemon(known.status());
+  }
   Progress progress(quiet);
   const auto compared = CompareStates(reader, task, client, progress);
-  if (!compared.ok()) return FromDaemon(compared.status().WithContext(file));
+  if (!compared.ok()) return VerifyFailure(compared.status().WithContext(file));
   const std::pair<const char*, const Deviation*> columns[] = {
       {"observations", &compared->observations},
       {"next_observations", &compared->next_observations},
@@ -137,7 +179,9 @@ std::vector<Command> AddDatasetVerify(CLI::App& group) {
       "verify",
       "step a dataset file again from its seeds and actions and name the first row that differs "
       "(code 1); of a file of others, by how much rows differ from steps out of infos/qpos, qvel");
-  app->add_option("file", command->file, "HDF5 file in D4RL's layout")->required();
+  app->add_option("file", command->file,
+                  "HDF5 file in D4RL's layout, or the name of a dataset: \"HalfCheetah/medium\"")
+      ->required();
   app->add_option("--environment", command->environment,
                   "environment of a file of others [the one that its metadata names]");
   app->add_flag("--json", command->json, "print the result as JSON");

@@ -36,8 +36,7 @@ struct EvaluateCommand {
 void EvaluateCommand::AddOptions() {
   app->add_option("--agent", agent_path, "agent file to evaluate")->required();
   app->add_option("--environment", environment,
-                  "environment in which the agent acts: \"HalfCheetah\"")
-      ->required();
+                  "environment in which the agent acts: \"HalfCheetah\" [that of its training]");
   app->add_option("--simulator", simulator,
                   "perturbations of the environment [none: the true one]");
   app->add_option("--episodes", episodes, "number of episodes, with deterministic actions [10]")
@@ -100,8 +99,13 @@ std::optional<Failure> EvaluateCommand::Run() {
   if (!agent.ok()) return BadInput(agent.status());
   auto policy = AgentPolicy::Create(*agent, observe == "full" ? Observe::kFull : Observe::kTrained);
   if (!policy.ok()) return BadInput(policy.status());
-  // Compare names, since tasks may have equal sizes, as HalfCheetah and Walker2d have.
   const std::string& home = agent->provenance.environment;
+  if (environment.empty()) environment = home;
+  if (environment.empty()) {
+    return BadUsage(InvalidArgument("--environment", "",
+                                    "a name, as the agent's file does not tell its training's"));
+  }
+  // Compare names, since tasks may have equal sizes, as HalfCheetah and Walker2d have.
   if (!anyway && !home.empty() && home != environment) {
     return BadInput(
         Status(StatusCode::kInvalidArgument,
@@ -144,7 +148,9 @@ std::optional<Failure> EvaluateCommand::Evaluate(Evaluator& evaluator, const Age
     return video_status = video->Write(pictures.frames);
   };
   const auto result = video_path.empty() ? evaluator.Run(policy) : evaluator.Run(policy, film);
-  if (result.ok() && video) video_status = video->Finish();
+  if (result.ok() && video) {
+    video_status = video->Finish(replace ? Existing::kReplace : Existing::kKeep);
+  }
   if (!video_status.ok()) return BadInput(video_status);
   if (!result.ok()) return FromDaemon(result.status());
   Print(*result);

@@ -71,6 +71,18 @@ int RunBody(const CommandBody& body) {
   return Report(*failure);
 }
 
+// The words with the options of their configuration file, where the command that they begin with
+// takes one. Other commands refuse --config as they do every unknown option.
+Result<std::vector<std::string>> ExpandedWords(const CLI::App& app,
+                                               std::vector<std::string> words) {
+  const auto takes_file = [&](const CLI::App* command) {
+    return command->get_name() == words.front() &&
+           command->get_option_no_throw("--config") != nullptr;
+  };
+  if (words.empty() || app.get_subcommands(takes_file).empty()) return words;
+  return ExpandConfigFile(std::move(words));
+}
+
 int Run(int argc, char** argv) {
   CLI::App app(kDescription, "b4mrl");
   app.require_subcommand(1);
@@ -83,7 +95,7 @@ int Run(int argc, char** argv) {
     commands.insert(commands.end(), added.begin(), added.end());
   }
 
-  auto arguments = ExpandConfigFile({argv + 1, argv + argc});
+  auto arguments = ExpandedWords(app, {argv + 1, argv + argc});
   if (!arguments.ok()) return Report(BadInput(arguments.status()));
   if (const auto code = ParseWords(app, *std::move(arguments))) return *code;
   for (const Command& command : commands) {

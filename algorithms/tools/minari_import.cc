@@ -78,7 +78,7 @@ Status ConvertMinari(const std::string& data_folder, const std::string& path, Cl
   DatasetProvenance provenance = metadata.provenance;
   if (provenance.environment.empty()) {
     provenance.environment = EnvironmentOf(source, client);
-    provenance.recipe = RecipeOf(metadata, unfinished);
+    if (provenance.recipe.empty()) provenance.recipe = RecipeOf(metadata, unfinished);
     if (!quiet) ReportVersion(metadata.gymnasium_id, provenance.environment);
   }
   B4MRL_RETURN_IF_ERROR(writer.SetProvenance(provenance));

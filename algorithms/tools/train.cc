@@ -346,12 +346,17 @@ std::optional<Failure> TrainCommand::Run() {
   if (Status status = CheckNeeds(options, **algorithm); !status.ok()) {
     return BadUsage(std::move(status));
   }
-  if (Status status = CheckEarlierRun(options); !status.ok()) return BadInput(std::move(status));
+  for (const std::string& text : {options.simulator, options.world, options.corruption}) {
+    const auto perturbations = ParseNamedArguments(text);
+    if (!perturbations.ok()) return BadUsage(perturbations.status());
+  }
 
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
   if (auto failure = CheckEnvironment(connection->client())) return failure;
   if (auto failure = CompleteDatasetName(connection->client())) return failure;
+  // A run is known by the complete name of its dataset.
+  if (Status status = CheckEarlierRun(options); !status.ok()) return BadInput(std::move(status));
   // From here on an interrupt ends the run with a checkpoint, for which the daemon is asked.
   connection->client().DelayCancellation(kInterruptPatience);
   Progress progress(quiet);
@@ -373,11 +378,7 @@ std::optional<Failure> TrainCommand::Run() {
 }
 
 void TrainCommand::PrintSummary(const TrainSummary& summary) const {
-  const std::string text = SummaryJson(options, summary);
-  if (json) {
-    fmt::print("{}\n", text);
-    return;
-  }
+  if (json) return fmt::print("{}\n", SummaryJson(options, summary));
   if (!summary.last) return;
   fmt::print("return {:.1f} +- {:.1f} over {} episodes after {} updates", summary.last->mean_return,
              summary.last->std_return, summary.last->returns.size(), summary.last_updates);

@@ -11,7 +11,6 @@
 #include <utility>
 #include <vector>
 
-#include "data/files/atomic_file.h"
 #include "proto/base/child_program.h"
 
 namespace b4mrl {
@@ -92,13 +91,20 @@ Status VideoWriter::Write(std::span<const uint8_t> frame) {
   return sent.ok() ? sent : Failed();
 }
 
-Status VideoWriter::Finish() {
+Status VideoWriter::Finish(Existing existing) {
   pipe_ = UniqueFd();  // ends ffmpeg's input
   const int wait_status = WaitForExit(process_id_, Deadline::AfterMs(kFinishMs));
   process_id_ = 0;
   if (wait_status != 0) return Failed();  // a signal, or another exit code than 0
-  if (rename(FilmPath().c_str(), path_.c_str()) != 0) return IoError("replace", path_, errno);
-  return Status();
+  const std::string film = FilmPath();
+  const bool keeps = existing == Existing::kKeep;
+  const char *from = film.c_str(), *to = path_.c_str();
+  if ((keeps ? RenameIfAbsent(from, to) : rename(from, to)) == 0) return Status();
+  if (keeps && errno == EEXIST) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("{} appeared in the meantime and is kept", path_));
+  }
+  return IoError("replace", path_, errno);
 }
 
 }  // namespace b4mrl

@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 
+#include "data/files/atomic_file.h"
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"
 
@@ -30,9 +31,9 @@ class VideoWriter {
   // Adds a picture. `frame`: height x width x (red, green, blue), top row first. kIoError when
   // ffmpeg does not take the picture; ffmpeg reports the reason on stderr.
   Status Write(std::span<const uint8_t> frame);
-  // Waits until ffmpeg has completed the film and puts it in its place, whatever file lay there.
-  // kIoError if one of them failed.
-  Status Finish();
+  // Waits until ffmpeg has completed the film and puts it in its place. A file that lies there is
+  // replaced, or kept with kFailedPrecondition, as `existing` says. kIoError if one of them failed.
+  Status Finish(Existing existing);
 
  private:
   VideoWriter(std::string path, std::string folder);

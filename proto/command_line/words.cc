@@ -35,8 +35,9 @@ std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std:
   return std::nullopt;
 }
 
-// The error of the first word that the command did not take; nothing if it took all.
-std::optional<Status> UnknownWord(const CLI::App& app) {
+// The error of the first word that the command did not take; nothing if it took all. `error` is
+// CLI11's, which may say how the word was to be given.
+std::optional<Status> UnknownWord(const CLI::App& app, const CLI::ParseError& error) {
   const CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
   const bool has_command = command != &app;
@@ -51,7 +52,10 @@ std::optional<Status> UnknownWord(const CLI::App& app) {
   const std::vector<std::string> words = app.remaining(/*recurse=*/true);
   if (words.empty()) return std::nullopt;
   if (words[0].starts_with("--")) return UnknownOption(*command, words[0]);
-  return InvalidArgument("argument", words[0], "options and values as in --help");
+  const std::string allowed = "options and values as in --help";
+  const bool lacks_option = dynamic_cast<const CLI::RequiresError*>(&error) != nullptr;
+  return InvalidArgument("argument", words[0],
+                         lacks_option ? fmt::format("{}; {}", allowed, error.what()) : allowed);
 }
 
 // Makes two words of "--name=", behind which CLI11 would take the next word for the value.
@@ -127,7 +131,8 @@ std::optional<int> ParseWords(CLI::App& app, std::vector<std::string> words) {
   } catch (const CLI::ParseError& error) {
     const bool is_fault = error.get_exit_code() != 0;  // and not a call for help
     // A misspelt option may show as a missing one.
-    if (const auto unknown = UnknownWord(app); is_fault && unknown) return Refuse(app, *unknown);
+    const auto unknown = UnknownWord(app, error);
+    if (is_fault && unknown) return Refuse(app, *unknown);
     // Prints help and version to stdout, errors to stderr.
     return app.exit(error) == 0 ? kExitDone : kExitBadUsage;
   }

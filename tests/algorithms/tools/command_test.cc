@@ -115,6 +115,23 @@ TEST_CASE("An agent is evaluated where it was trained, and elsewhere only when t
   CHECK(Run(evaluate + Words{"--anyway"}).exit_code == 0);
 }
 
+TEST_CASE("An agent is evaluated in the environment that its file names unless another is given") {
+  const TemporaryFolder folder;
+  const auto evaluate = [](const std::string& agent) {
+    return Run({"evaluate", "--agent", agent, "--episodes", "1", "--json"});
+  };
+  const std::string medium = B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5";
+  const Outcome at_home = evaluate(medium);
+  CHECK(at_home.exit_code == 0);
+  CHECK(nlohmann::json::parse(at_home.out, nullptr, false)["environment"] == "HalfCheetah");
+  Agent homeless = Take(ReadAgent(medium));
+  homeless.provenance.environment.clear();
+  RequireOk(WriteAgent(folder.File("homeless.h5"), homeless));
+  const Outcome nowhere = evaluate(folder.File("homeless.h5"));
+  CHECK(nowhere.exit_code == 2);
+  CHECK(Says(nowhere.err, "--environment is ''"));
+}
+
 TEST_CASE("A run whose numbers are no longer finite has failed, with code 1") {
   const TemporaryFolder folder;
   Words words = SmallTraining(folder.File("run"));
@@ -131,6 +148,13 @@ TEST_CASE("What a run needs and was not given is named") {
   CHECK(nothing.exit_code == 2);
   CHECK(nothing.err.find("--algorithm is missing") != std::string::npos);
   CHECK(nothing.err.find("hymopo") != std::string::npos);
+  const Outcome no_data = Run({"train", "--algorithm", "bc", "--environment", "HalfCheetah"});
+  CHECK(no_data.exit_code == 2);
+  CHECK(Says(no_data.err, "--dataset is missing: bc learns from a dataset"));
+  const Outcome data = Run({"train", "--algorithm", "sac", "--environment", "HalfCheetah",
+                            "--dataset", "HalfCheetah/medium"});
+  CHECK(data.exit_code == 2);
+  CHECK(Says(data.err, "allowed: nothing, as sac learns in the simulator alone"));
   const Outcome nowhere = Run({"train", "--resume", "--out", folder.File("nowhere")});
   CHECK(nowhere.exit_code == 3);
   CHECK(nowhere.err.find("nowhere holds no run") != std::string::npos);

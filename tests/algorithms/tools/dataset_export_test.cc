@@ -178,6 +178,21 @@ TEST_CASE("Data of an unknown environment go to Minari without one, as a box wit
              Catch::Contains("[2], \"low\": [-Infinity, -Infinity]"));
 }
 
+TEST_CASE("How the rows of an unknown environment were made is told after the way through Minari") {
+  const Exports exports;
+  fs::create_directories(exports.folder.File("data/Mine"));
+  DatasetProvenance provenance;
+  provenance.recipe = "drawn by hand";
+  REQUIRE(WriteExample(exports.folder.File("data/Mine/x.h5"), MakeExampleDataset({30}, 5, 2),
+                       provenance)
+              .ok());
+  REQUIRE(exports.Dataset({"export", "Mine/x", exports.Root(), "--format", "minari"}).exit_code ==
+          0);
+  REQUIRE(exports.Dataset({"import", exports.Root() + "/b4mrl/Mine/x-v0", "--name", "Mine/back"})
+              .exit_code == 0);
+  CHECK(exports.Info("Mine/back")["recipe"] == "drawn by hand");
+}
+
 TEST_CASE("Minari's data of a Gymnasium task belong to the daemon's task if the sizes are equal") {
   const Exports exports;
   exports.Make("HalfCheetah/random", "1000");

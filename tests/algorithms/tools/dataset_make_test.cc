@@ -9,6 +9,7 @@
 #include "data/d4rl/dataset_file_reader.h"
 #include "data/d4rl/dataset_file_writer.h"
 #include "data/files/atomic_file.h"
+#include "tests/algorithms/tools/folder_watch.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/results.h"
 
@@ -169,6 +170,37 @@ TEST_CASE("A dataset that another process makes is no failure of those that are 
   const Outcome one =
       Run({"dataset", "make", "Highway/random", "--rows", "50", "--data", folder.path()});
   CHECK(one.exit_code == 6);
+}
+
+TEST_CASE("A dataset that appears while it is made is no failure of those that are all made") {
+  const TemporaryFolder folder;
+  std::filesystem::create_directories(folder.File("Highway"));
+  WriteBytes(folder.File("Highway/medium-v0.h5"), "there already");
+  FolderWatch watch(folder.File("Highway"));
+  Tool tool({"dataset", "make", "all", "--environment", "Highway", "--rows", "5e4", "--data",
+             folder.path()});
+  REQUIRE(watch.WaitFor("random-v0.h5.b4mrl-tmp"));
+  WriteBytes(folder.File("Highway/random-v0.h5"), "of another process");
+  const Outcome all = tool.Wait();
+  INFO(all.err);
+  CHECK(all.exit_code == 0);
+  CHECK(Says(all.err, "appeared in the meantime and is kept"));
+  CHECK(ReadBytes(folder.File("Highway/random-v0.h5")) == "of another process");
+}
+
+TEST_CASE("A dataset's name stands for its file, and its replay passes over earlier episodes") {
+  const TemporaryFolder folder;
+  Make(folder, "HalfCheetah/medium-replay");
+  const Words verify = {"dataset", "verify", "HalfCheetah/medium-replay", "--data", folder.path()};
+  const Outcome verified = Run(verify);
+  INFO(verified.err);
+  CHECK(verified.exit_code == 0);
+  CHECK(Says(verified.out, folder.File("HalfCheetah/medium-replay-v0.h5") + ": all 2500 rows"));
+  CHECK(Says(verified.err, "pass over earlier episodes: "));
+  CHECK(Says(verified.err, "step again: 2500 rows"));
+  const Outcome missing = Run({"dataset", "verify", "HalfCheetah/medium", "--data", folder.path()});
+  CHECK(missing.exit_code == 5);
+  CHECK(Says(missing.err, "`b4mrl dataset make HalfCheetah/medium` makes it"));
 }
 
 TEST_CASE("What a recipe cannot give is refused with the reason") {

@@ -15,14 +15,15 @@
 namespace b4mrl {
 namespace {
 
-Words TrainWords(const TestDaemon& daemon, const std::string& run) {
+Words TrainWords(const TestDaemon& daemon, const std::string& run,
+                 const std::string& dataset = "HalfCheetah/small") {
   return {"train",
           "--algorithm",
           "mopo",
           "--environment",
           "HalfCheetah",
           "--dataset",
-          "HalfCheetah/small",
+          dataset,
           "--endpoint",
           daemon.endpoint(),
           "--out",
@@ -110,6 +111,23 @@ TEST_CASE("A run killed while its ensemble trains goes on there and ends with th
   CHECK(a.hidden[0].weight == b.hidden[0].weight);
   CHECK(a.hidden[1].weight == b.hidden[1].weight);
   CHECK(a.last_fc.weight == b.last_fc.weight);
+}
+
+TEST_CASE("The command of a run killed while its ensemble trained goes on with it") {
+  TestDaemon daemon;
+  daemon.MakeDataset("random-v0", 500);
+  const Words words = TrainWords(daemon, "killed", "HalfCheetah/random");  // the newest version
+  std::filesystem::create_directories(daemon.folder("killed"));
+  FolderWatch watch(daemon.folder("killed"));
+  Tool killed(words);
+  REQUIRE(watch.WaitFor("ensemble.h5"));
+  killed.Kill();
+
+  Tool repeated(words);
+  CHECK(repeated.WaitForMessage("goes on where it stopped"));
+  const Outcome outcome = repeated.Wait();
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 0);
 }
 
 }  // namespace b4mrl

@@ -17,6 +17,12 @@ TEST_CASE("A misspelt word is named with what it might mean") {
       {{"dataset", "mke"}, "unknown command 'mke'; did you mean 'make'"},
       {{"benchmark", "rn"}, "unknown command 'rn'; did you mean 'run'"},
       {{"evaluate", "--agnt", "x"}, "unknown option '--agnt'; did you mean '--agent'"},
+      {{"dataset", "import", "x.h5", "HalfCheetah/mine"},
+       "argument is 'HalfCheetah/mine', allowed: options and values as in --help; file requires "
+       "--name"},
+      // The file of options, which need not exist, is of two commands alone.
+      {{"list", "algorithms", "--config", "x.toml"}, "unknown option '--config'"},
+      {{"dataset", "make", "HalfCheetah/random", "--config=x.toml"}, "unknown option '--config'"},
       {{"--endpoint", "ipc:///x", "list", "environments"},
        "option is '--endpoint', allowed: behind its command, list"},
       {{"--endpoint=ipc:///x", "train", "--algorithm", "sac"},

@@ -101,6 +101,27 @@ TEST_CASE("A folder that holds no results is bad input") {
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
+TEST_CASE("A report of whose results none fits its suites is bad input, and says why") {
+  const TemporaryFolder folder;
+  for (int i = 0; i < 30; ++i) WriteBytes(folder.File(std::to_string(i) + ".json"), "no JSON");
+  WriteBytes(folder.File("0.json"),
+             R"({"id": "1", "cell": "c", "algorithm": "mine", "source": "user", "updates": 7, )"
+             R"("benchmarks": ["HalfCheetah/mine/a"], "curve": [[7, 0, 1.0, 0.0, null]]})");
+  const Outcome outcome = Run({"report", folder.path()});
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 3);
+  CHECK(outcome.out.empty());
+  CHECK(Says(outcome.err, "1.json was left out: "));
+  CHECK(Says(outcome.err, "and 10 more"));
+  CHECK(Says(outcome.err, "every result was left out"));
+  CHECK(Count(outcome.err, "\n") == 22);
+  for (int i = 1; i < 30; ++i) {
+    REQUIRE(std::filesystem::remove(folder.File(std::to_string(i) + ".json")));
+  }
+  CHECK(Says(Run({"report", folder.path()}).err,
+             "0.json was left out: it names no benchmark of these suites (--suites for your own)"));
+}
+
 TEST_CASE("Every program ends with code 3 where its output finds no room") {
   const std::string results = B4MRL_SOURCE_DIR "/benchmarks/results";
   for (const std::string& words :

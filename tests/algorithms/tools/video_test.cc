@@ -140,6 +140,27 @@ TEST_CASE("A film that ffmpeg gives up leaves the file in its place as it was") 
   CHECK(FilesIn(folder.path()) == Words{"falls.h5", "ffmpeg", "hopper.mp4"});
 }
 
+TEST_CASE("A file that appears while a film is made is kept, and replaced only where it may be") {
+  TemporaryFolder folder;
+  const std::string agent = WriteFallingAgent(folder);
+  const std::string video = folder.File("hopper.mp4");
+  // Takes the pictures, puts a file where the film is to go, and makes its last argument.
+  const std::string program = folder.File("ffmpeg");
+  const std::string begin = "#!/bin/sh\nfor file; do :; done\n/bin/cat > /dev/null\n";
+  WriteBytes(program, begin + "echo mine > '" + video + "'\necho film > \"${file#file:}\"\n");
+  std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+  Words words = Evaluate(agent, video);
+  const Outcome kept = Run(words, {"PATH=" + folder.path()});
+  INFO(kept.err);
+  CHECK(kept.exit_code == 3);
+  CHECK(Says(kept.err, video + " appeared in the meantime and is kept"));
+  CHECK(ReadBytes(video) == "mine\n");
+  words.emplace_back("--replace");
+  CHECK(Run(words, {"PATH=" + folder.path()}).exit_code == 0);
+  CHECK(ReadBytes(video) == "film\n");
+  CHECK(FilesIn(folder.path()) == Words{"falls.h5", "ffmpeg", "hopper.mp4"});
+}
+
 TEST_CASE("A device is not replaced by a file") {
   TemporaryFolder folder;
   const std::string pipe =
