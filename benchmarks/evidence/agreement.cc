@@ -182,7 +182,7 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
         known[KnownToFloor(benchmark, algorithm)].push_back(score.mean);
       }
       if (options.without.contains(algorithm)) continue;
-      const CellScore* own = Find(ours, benchmark.name, algorithm);
+      const CellScore* own = FindComparable(ours, benchmark.name, algorithm);
       if (own == nullptr || (options.settled_only && !own->settled)) continue;
       Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm)};
       if (ours_.values.emplace(item.run, own->mean).second) {

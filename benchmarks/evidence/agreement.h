@@ -1,5 +1,6 @@
 // How far our scores agree with the paper's, by rank: each run counts once, however many benchmarks
-// it fills. Each figure stands between two that need no training:
+// it fills, and those on other rows than the published ones count nowhere. Each figure stands
+// between two that need no training:
 //   floor    a table that knows algorithm and dataset alone: the mean of the paper's runs of the
 //            algorithm and the dataset, and of online learners, which use none, of all their runs
 //   ceiling  the paper's numbers with another seed: the mean over 200 draws of each run's score

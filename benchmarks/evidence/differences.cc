@@ -40,7 +40,7 @@ std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& our
   std::set<std::string> counted;
   for (const Benchmark& benchmark : benchmarks) {
     for (const auto& [algorithm, unused] : benchmark.paper) {
-      const CellScore* own = Find(ours, benchmark.name, algorithm);
+      const CellScore* own = FindComparable(ours, benchmark.name, algorithm);
       if (own == nullptr) continue;
       if (!counted.insert(SharedRun(benchmark, algorithm)).second) continue;
       const double printed = Find(paper, benchmark.name, algorithm)->mean;

@@ -1,5 +1,5 @@
 // How many points our scores lie from the paper's. Each run counts once, however many benchmarks it
-// fills. Pure functions; any thread.
+// fills; runs on other rows than those published count nowhere. Pure functions; any thread.
 #pragma once
 
 #include <cstddef>

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string_view>
 #include <tuple>
@@ -15,6 +16,7 @@
 #include "algorithms/datasets/dataset_recipes.h"
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/plain_text.h"
 #include "benchmarks/records/result_file.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/mean_and_std.h"
@@ -38,15 +40,17 @@ void LeaveOutCopies(const std::vector<nlohmann::ordered_json>& marks, std::vecto
   std::erase_if(*runs, [&](const ScoredRun& run) { return copies.contains(run.file); });
 }
 
-// The most updates within which all of the cell's runs that were evaluated by then were evaluated
-// last after equally many.
-uint64_t EqualUpdates(const Cell& cell) {
+// The most updates after which all of the cell's runs were evaluated, but for those that diverged
+// before; nothing if there are none.
+std::optional<uint64_t> EqualUpdates(const Cell& cell) {
   uint64_t end = cell.LeastUpdates();
   for (bool falls = true; falls;) {
     falls = false;
     for (const ScoredRun* run : cell.runs) {
+      if (run->diverged && run->updates <= end) continue;
       const auto last = run->LastEvaluation(end);
-      if (!last || *last == end) continue;
+      if (!last) return std::nullopt;
+      if (*last == end) continue;
       end = *last;
       falls = true;
     }
@@ -108,7 +112,9 @@ Course Cell::CourseOfScore() const {
 }
 
 uint64_t Cell::LeastUpdates() const {
-  return (*std::ranges::min_element(runs, {}, &ScoredRun::updates))->updates;
+  const auto fewest = std::ranges::min_element(
+      runs, {}, [](const ScoredRun* run) { return std::pair(run->diverged, run->updates); });
+  return (*fewest)->updates;
 }
 
 uint64_t Cell::MostUpdates() const {
@@ -130,12 +136,13 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   table.earlier_ = std::make_shared<std::deque<ScoredRun>>();
   std::vector<nlohmann::ordered_json> marks;  // of the runs
   for (const std::string& path : files) {
-    const std::string file = std::filesystem::path(path).filename();
-    const auto json = ReadJsonObject(path);
+    const std::string file = WithoutControls(std::filesystem::path(path).filename().string());
+    auto json = ReadJsonObject(path);
     if (!json.ok()) {
       table.notes_.push_back(fmt::format("{} was left out: no JSON object can be read", file));
       continue;
     }
+    ReplaceControls(&*json);
     auto run = ReadScoredRun(*json, limit, published);
     if (!run.ok()) {
       table.notes_.push_back(fmt::format("{} was left out: {}", file, run.status().message()));
@@ -151,6 +158,8 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   table.AddCells(benchmarks);
   table.LeaveOutUnfinishedSeeds();
   table.MarkRunsInCells(benchmarks);
+  table.left_out_ = table.notes_.size();
+  table.NoteDivergedRuns();
   table.ReadSeedsAtEqualUpdates();
   table.NoteMixedRuns();
   return table;
@@ -251,7 +260,8 @@ void ScoreTable::LeaveOutUnfinishedSeeds() {
   std::set<std::string> left_out;
   for (auto& [benchmark, row] : cells_) {
     for (auto& [series, cell] : row) {
-      if (std::ranges::none_of(cell.runs, &ScoredRun::ended)) continue;
+      const auto has_finished = [](const ScoredRun* run) { return run->ended && !run->diverged; };
+      if (std::ranges::none_of(cell.runs, has_finished)) continue;
       std::erase_if(cell.runs, [&](const ScoredRun* run) {
         if (run->ended) return false;
         left_out.insert(fmt::format(
@@ -280,20 +290,34 @@ void ScoreTable::MarkRunsInCells(const std::vector<Benchmark>& benchmarks) {
   }
 }
 
+void ScoreTable::NoteDivergedRuns() {
+  for (const ScoredRun& run : *runs_) {
+    if (!run.fills_a_cell || !run.diverged) continue;
+    notes_.push_back(fmt::format(
+        "{} diverged: it counts in its cell as it was after {} updates, its last evaluation",
+        run.file, run.updates));
+  }
+}
+
 void ScoreTable::ReadSeedsAtEqualUpdates() {
   std::map<std::pair<const ScoredRun*, uint64_t>, const ScoredRun*> known;
   for (auto& [benchmark, row] : cells_) {
     for (auto& [series, cell] : row) {
-      const uint64_t least = EqualUpdates(cell);
+      const std::optional<uint64_t> equal = EqualUpdates(cell);
+      const uint64_t least = equal.value_or(cell.LeastUpdates());
       for (const ScoredRun*& run : cell.runs) {
-        if (run->updates == least) continue;
+        if (run->updates <= least) continue;
         const auto [entry, is_new] = known.emplace(std::pair(run, least), run);
         if (is_new) {
           std::optional<ScoredRun> earlier = run->At(least);
           if (!earlier) continue;  // its first evaluation came later
           notes_.push_back(fmt::format(
-              "{} has gone on to {} updates and is read at {}, which all seeds of its cell have",
-              run->file, run->updates, earlier->updates));
+              "{} has gone on to {} updates and is read at {}, {}", run->file, run->updates,
+              earlier->updates,
+              equal ? "which all seeds of its cell have"
+                    : fmt::format("its last evaluation within the {} of the shortest seed of its "
+                                  "cell, as the seeds were evaluated after no equal updates",
+                                  least)));
           earlier_->push_back(*std::move(earlier));
           entry->second = &earlier_->back();
         }

@@ -12,6 +12,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -46,6 +47,8 @@ struct Cell {
   bool IsSettled() const { return CourseOfScore() == Course::kSettled; }
   // Whether it has settled and would have with one standard error of its movement on top.
   bool IsSurelySettled() const;
+  // Of the run with the fewest; one that diverged stays where it ended, however long the others
+  // are, and counts only where all have.
   uint64_t LeastUpdates() const;
   uint64_t MostUpdates() const;
 };
@@ -73,6 +76,8 @@ class ScoreTable {
   std::optional<Series> MainSeries(const std::string& algorithm) const;
   // What a reader of the tables must know: files that were left out, means over several processors.
   const std::vector<std::string>& notes() const { return notes_; }
+  // The first of them, about files that were left out.
+  std::span<const std::string> left_out() const { return std::span(notes_).first(left_out_); }
 
  private:
   // Where results compete for a cell, the first counts: of hyperparameters and rows those with the
@@ -83,14 +88,16 @@ class ScoreTable {
   // names: each says what its own plan knew, by the suites and the budget of that day.
   void UniteCells();
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
-  // would be neither's.
+  // would be neither's. One that diverged has ended.
   void LeaveOutUnfinishedSeeds();
-  // Seeds that went on are read at the last evaluation that all seeds of their cell have. From then
-  // on cells no longer point at whole runs alone.
+  // Seeds that went on are read at the last evaluation that all seeds of their cell have or, where
+  // these were evaluated after no equal updates, at their own last one within the shortest seed's.
+  // From then on cells no longer point at whole runs alone.
   void ReadSeedsAtEqualUpdates();
   // Sets fills_a_cell, and notes the runs whose benchmarks nobody knows.
   void MarkRunsInCells(const std::vector<Benchmark>& benchmarks);
   void AddCells(const std::vector<Benchmark>& benchmarks);
+  void NoteDivergedRuns();
   void NoteMixedRuns();
 
   std::vector<const Benchmark*> benchmarks_;
@@ -100,6 +107,7 @@ class ScoreTable {
   std::map<std::string, std::map<Series, Cell>> cells_;
   std::map<std::string, std::string> main_recipes_;  // by algorithm
   std::vector<std::string> notes_;
+  size_t left_out_ = 0;  // of the notes
 };
 
 }  // namespace b4mrl

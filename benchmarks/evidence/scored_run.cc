@@ -10,7 +10,8 @@
 #include <utility>
 
 #include "algorithms/datasets/import_name.h"
-#include "benchmarks/records/check.h"
+#include "algorithms/list.h"
+#include "benchmarks/plan/plan.h"
 #include "benchmarks/records/json_file.h"
 #include "benchmarks/records/result_file.h"
 
@@ -63,14 +64,18 @@ void ReadOrigin(const Json& json, ScoredRun* run) {
 // Gives runs that are not to be compared with the others a series of their own.
 void SetApart(const PublishedDatasets& published, ScoredRun* run) {
   Series& series = run->series;
+  const bool is_projects = run->source == "own" && FindAlgorithm(series.algorithm).ok();
   if (run->source == "self-scored" && !series.algorithm.empty()) {
     series.algorithm += " (self-scored)";
+  } else if (!is_projects && IsNameOfAlgorithm(series.algorithm, Algorithms())) {
+    series.algorithm += " (user)";
   }
   std::string data;
   if (run->HasD4rlsData()) {
     data = "D4RL's data";
   } else if (PublishedOtherwise(published, run->dataset_file, run->columns_sha256) != nullptr) {
     data = "other rows";
+    run->has_other_rows = true;
   }
   if (data.empty()) return;
   series.has_other_data = true;
@@ -99,6 +104,7 @@ std::optional<ScoredRun> ScoredRun::At(uint64_t end) const {
   std::erase_if(run.curve, [&](const CurvePoint& point) { return point.updates > *count; });
   const CurvePoint& last = run.curve.back();
   run.ended |= end <= updates;
+  run.diverged &= end > updates;
   run.is_part |= last.updates < updates;
   // The agent's scores seen otherwise belong to the end of the run.
   if (last.updates != updates) run.further.clear();
@@ -134,7 +140,8 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit,
   }
   run.curve = *std::move(curve);
   run.updates = CountOf(json, "updates").value_or(0);
-  run.ended = IsTrue(json, "finished");
+  run.diverged = HasDiverged(json);
+  run.ended = IsTrue(json, "finished") || run.diverged;
   run.learns_until = LearnsUntil(run.source, EntryOf(json, "hyperparameters"));
   run.is_return = !run.curve.empty() && !run.curve.back().score;
   ReadScorings(EntryOf(json, "scorings"), &run);

@@ -17,8 +17,9 @@
 namespace b4mrl {
 
 struct Series {
-  std::string algorithm;  // "hymopo", or the name of a user's own learner; "mine (self-scored)"
-  std::string recipe;     // "" for algorithms with a single one
+  // "hymopo", or the name of a user's own learner; "mine (self-scored)", "td3-bc (user)".
+  std::string algorithm;
+  std::string recipe;  // "" for algorithms with a single one
   // It did not learn from the published rows of the benchmark's dataset, which its recipe says.
   bool has_other_data = false;
   auto operator<=>(const Series&) const = default;
@@ -37,8 +38,9 @@ struct ScoredRun {
   double score = 0;        // normalised; the return where the task has no reference returns
   bool is_return = false;  // `score` is a return
   uint64_t updates = 0;
-  bool ended = false;                     // its training is over, or has come to all that counts
-  Fifths fifths;                          // of the curve
+  bool ended = false;     // its training is over, or has come to all that counts
+  bool diverged = false;  // its training is over because it diverged, before all that counts
+  Fifths fifths;          // of the curve
   std::optional<uint64_t> learns_until;   // see LearnsUntil in records/result_file.h
   Curve curve;                            // until then
   bool fills_a_cell = false;              // of a benchmark that the table knows
@@ -47,6 +49,7 @@ struct ScoredRun {
   double core_hours = 0;
   std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
   bool is_part = false;
+  bool has_other_rows = false;  // than those published as its dataset
   std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
 
   // Whether it learned from a file of D4RL's.
@@ -61,8 +64,9 @@ struct ScoredRun {
 using ReadingLimit = std::function<std::optional<uint64_t>(const ScoredRun& run)>;
 
 // The run of a result. Runs on D4RL's files, and on other rows than those published, are series of
-// their own, "TD3-BC (D4RL's data)", so are scores that their author measured. The error says why
-// the JSON is none that counts.
+// their own, "TD3-BC (D4RL's data)", and so are scores that their author measured, and those of a
+// user's learner that is called like an algorithm of the project. The error says why the JSON is
+// none that counts.
 Result<ScoredRun> ReadScoredRun(const nlohmann::ordered_json& json, const ReadingLimit& limit,
                                 const PublishedDatasets& published);
 

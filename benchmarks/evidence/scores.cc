@@ -74,6 +74,12 @@ const CellScore* Find(const CellScores& scores, const std::string& benchmark,
   return found == scores.end() ? nullptr : &found->second;
 }
 
+const CellScore* FindComparable(const CellScores& ours, const std::string& benchmark,
+                                const std::string& algorithm) {
+  const CellScore* own = Find(ours, benchmark, algorithm);
+  return own == nullptr || own->has_other_rows ? nullptr : own;
+}
+
 std::string SharedRun(const Benchmark& benchmark, const std::string& algorithm) {
   const auto known = FindAlgorithm(algorithm);
   if (!known.ok()) return fmt::format("{} {}", algorithm, benchmark.name);
@@ -159,6 +165,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations) {
   CellScore score;
   score.recipe = cell.runs.front()->series.recipe;
+  score.has_other_rows = cell.runs.front()->has_other_rows;
   score.mean = cell.Mean();
   score.std = cell.Deviation();
   score.seeds = cell.runs.size();

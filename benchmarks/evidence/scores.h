@@ -29,6 +29,7 @@ struct CellScore {
   double mean = 0;
   double std = 0;  // between seeds, divided by their number; 0 with one seed
   size_t seeds = 0;
+  bool has_other_rows = false;  // its runs have other rows than those published as their dataset
   bool settled = true;
   bool surely_settled = true;        // Cell::IsSurelySettled
   Course course = Course::kSettled;  // of ours: why it has not settled
@@ -68,6 +69,9 @@ std::optional<std::pair<CellScore, CellScore>> AtEqualUpdates(const CellScore& o
 // Null if there is none.
 const CellScore* Find(const CellScores& scores, const std::string& benchmark,
                       const std::string& algorithm);
+// The same of ours that are held against the paper's: those on other rows are other cells.
+const CellScore* FindComparable(const CellScores& ours, const std::string& benchmark,
+                                const std::string& algorithm);
 
 // What a run of the algorithm on the benchmark depends on, as text: equal for benchmarks that one
 // run fills, since an online learner uses no dataset, and an offline one no simulator.

@@ -3,12 +3,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <string_view>
 #include <system_error>
 #include <utility>
 
 namespace b4mrl {
+namespace {
+
+// By which libraries know how many threads they may have. Of their own accord each learner would
+// take all cores, and a runner starts one for each core.
+constexpr const char* kThreadVariables[] = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS",
+                                            "MKL_NUM_THREADS"};
+
+}  // namespace
 
 uint64_t UpdatesToTrain(const PlannedRun& run, const std::optional<RunResult>& result,
                         uint32_t until_settled) {
@@ -52,7 +61,7 @@ JobOrder TrainingOrder(const PlannedRun& run, const Budget& budget, uint64_t upd
 
 JobOrder LearnerOrder(const PlannedRun& run, const std::string& folder, const LearnerPlace& place) {
   std::error_code error;
-  return {
+  JobOrder order = {
       .words = {"/bin/sh", "-c", run.learner},
       .log = folder + "/log",
       .environment = {"B4MRL_ENDPOINT=" + place.endpoint,
@@ -64,6 +73,10 @@ JobOrder LearnerOrder(const PlannedRun& run, const std::string& folder, const Le
                       fmt::format("B4MRL_LEDGER={}", place.ledger), "B4MRL_SUITES=" + place.suites,
                       "B4MRL_OUT=" + std::filesystem::absolute(folder, error).string()},
       .stops_group = true};
+  for (const char* const name : kThreadVariables) {
+    if (std::getenv(name) == nullptr) order.environment.push_back(fmt::format("{}=1", name));
+  }
+  return order;
 }
 
 }  // namespace b4mrl

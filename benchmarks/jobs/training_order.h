@@ -1,5 +1,5 @@
-// Training a run as a job: by `b4mrl train`, or by a learner of the user's own. Pure functions; any
-// thread.
+// Training a run as a job: by `b4mrl train`, or by a learner of the user's own. Pure functions, but
+// for the variables of this process that LearnerOrder reads; any thread.
 //
 // A learner of the user's own is a command of the shell. It gets these variables: B4MRL_ENDPOINT
 // (of a daemon for it), B4MRL_BENCHMARK, B4MRL_ENVIRONMENT, B4MRL_SIMULATOR, B4MRL_DATASET,
@@ -7,7 +7,8 @@
 // scored), B4MRL_SEED, B4MRL_UPDATES, B4MRL_LEDGER (where its interactions are to be counted),
 // B4MRL_SUITES (folder of further suites) and B4MRL_OUT, the folder in which it leaves what
 // benchmarks/records/learned.h reads; what an earlier attempt has left of these files is removed
-// before. An exit code other than 0 is a failure.
+// before. OMP_NUM_THREADS, OPENBLAS_NUM_THREADS and MKL_NUM_THREADS are 1 unless this process has
+// other values of them. An exit code other than 0 is a failure.
 #pragma once
 
 #include <cstdint>

@@ -222,7 +222,7 @@ Table LevelsTable(const Evidence& evidence) {
       "Rank correlations do not see a difference that all cells have. Each run counts once; "
       "differences are means of ours minus the paper's, in points.";
   table.columns = {{"Algorithm"},        {"Runs", true},         {"Below the paper's", true},
-                   {"Difference", true}, {"Settled runs", true}, {"Difference", true}};
+                   {"Difference", true}, {"Settled runs", true}, {"Difference, settled", true}};
   for (const ScoreLevel& level : ScoreLevels(evidence.paper, evidence.ours, evidence.benchmarks)) {
     table.rows.push_back({DisplayName(level.algorithm), fmt::format("{}", level.runs),
                           fmt::format("{}", level.lower), Signed(level.difference),

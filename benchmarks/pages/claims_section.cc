@@ -73,8 +73,9 @@ Section ClaimsSection(const Evidence& evidence) {
       "of ours with fewer than three seeds borrows the deviation as it is printed, which would "
       "then be 1.22 times too small.";
   table.columns = {
-      {"Line", true}, {"Claim"},       {"On the paper's numbers"}, {"Holds", true}, {"p", true},
-      {"On ours"},    {"Holds", true}, {"Differences", true},      {"p", true}};
+      {"Line", true},     {"Claim"},   {"On the paper's numbers"}, {"Holds, paper", true},
+      {"p, paper", true}, {"On ours"}, {"Holds, ours", true},      {"Differences", true},
+      {"p, ours", true}};
   for (size_t i = 0; i < evidence.claims.size(); ++i) {
     const Claim& claim = evidence.claims[i];
     const bool is_theirs = paper[i].decided > 0;

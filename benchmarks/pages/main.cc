@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstddef>
 #include <string>
 
 #include "algorithms/base/within_memory.h"
@@ -15,8 +17,25 @@
 namespace b4mrl {
 namespace {
 
+constexpr size_t kMostLines = 20;  // about results that were left out
+
+// Says which results were left out; none may be left.
+Status TellLeftOut(const ScoreTable& table) {
+  const auto left_out = table.left_out();
+  for (const std::string& note : left_out.first(std::min(left_out.size(), kMostLines))) {
+    fmt::print(stderr, "{:.1000}\n", note);  // which may hold a name of any length
+  }
+  if (left_out.size() > kMostLines) {
+    fmt::print(stderr, "and {} more; the report's last section has all of them\n",
+               left_out.size() - kMostLines);
+  }
+  if (!table.benchmarks().empty()) return Status();
+  return Status(StatusCode::kInvalidArgument, "every result was left out");
+}
+
 Status Report(const ReportOptions& options, const std::string& out) {
   B4MRL_ASSIGN_OR_RETURN(const Evidence evidence, GatherEvidence(options));
+  B4MRL_RETURN_IF_ERROR(TellLeftOut(evidence.table));
   if (out.empty()) {
     fmt::print("{}", ToMarkdown(MakeReport(evidence)));
     return Status();

@@ -24,7 +24,7 @@ std::string SummaryOf(const Evidence& evidence) {
   std::set<std::string> theirs, ours;  // distinct runs of the paper, and those that we have too
   for (const auto& [name, score] : evidence.paper) {
     theirs.insert(score.runs);
-    const CellScore* own = Find(evidence.ours, name.first, name.second);
+    const CellScore* own = FindComparable(evidence.ours, name.first, name.second);
     if (own == nullptr) continue;
     ours.insert(score.runs);
     ++filled;

@@ -353,7 +353,7 @@ Picture BesideThePaperPicture(const Evidence& evidence) {
     Dots dots = {.series = i, .dots = {}};
     for (const auto& [name, score] : evidence.ours) {
       const CellScore* paper = Find(evidence.paper, name.first, algorithms[i]);
-      if (name.second != algorithms[i] || paper == nullptr) continue;
+      if (name.second != algorithms[i] || paper == nullptr || score.has_other_rows) continue;
       if (!name.first.starts_with("HalfCheetah/") || !counted.insert(score.runs).second) continue;
       dots.dots.push_back({.x = paper->mean,
                            .y = score.mean,

@@ -54,6 +54,7 @@ struct PlannedRun {
   HyperparameterValues hyperparameters;  // that differ from the learner's defaults
   std::optional<uint64_t> rows;          // of its dataset, as far as its recipe says
   std::string columns_sha256;            // of its dataset as published; "": any rows will do
+  std::string rows_at_hand;  // the same of its dataset as the daemon has it; "": it is not known
   std::vector<Scoring> scorings;
   std::string hidden;  // "hidden=9": what its training did not see, as perturbations
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -189,6 +190,21 @@ Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
     return !choice.patterns.empty() && std::ranges::none_of(choice.patterns, fits);
   });
   return all;
+}
+
+Status CheckServed(const SuiteChoice& choice, Client& client) {
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChooseBenchmarks(choice));
+  B4MRL_ASSIGN_OR_RETURN(const auto catalogue, client.Catalogue(true));
+  std::set<std::string_view> served;
+  for (const pb::BenchmarkInfo& info : catalogue.benchmarks()) served.insert(info.name());
+  for (const Benchmark& benchmark : benchmarks) {
+    if (served.contains(benchmark.name)) continue;
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("the daemon at {} has no benchmark '{}'; start it with `b4mrl serve "
+                              "--suites FOLDER`",
+                              client.endpoint(), benchmark.name));
+  }
+  return Status();
 }
 
 Result<PlanKnowledge> PlanKnowledge::Ask(Client& client) {

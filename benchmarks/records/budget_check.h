@@ -10,8 +10,8 @@
 
 namespace b4mrl {
 
-// One line for each fault. Results of the user's own learners have none, and names that no budget
-// of the project has may stand for anything.
+// One line for each fault. Results of the user's own learners have none, nor have those of which no
+// benchmark is known; names that no budget of the project has may stand for anything.
 std::vector<std::string> BudgetFaults(const nlohmann::ordered_json& result,
                                       const CheckSources& sources);
 

@@ -100,9 +100,14 @@ void Checker::CheckEntries() {
   for (const char* key : {"return", "seconds"}) {
     if (!NumberOf(result_, key)) Fault(fmt::format("{} must be a number", key));
   }
-  if (!IsTrue(result_, "finished")) Fault("the run has not finished");
+  const bool has_diverged = HasDiverged(result_);
+  if (!IsTrue(result_, "finished") && !has_diverged) Fault("the run has not finished");
+  if (!has_diverged && !EntryOf(result_, "diverged").is_null()) {
+    Fault(fmt::format("diverged must be a text of 1 to {} bytes, in a result that is not finished",
+                      kMostDivergedBytes));
+  }
   const auto updates = CountOf(result_, "updates"), planned = CountOf(result_, "planned_updates");
-  if (!IsUsers() && updates && planned && *updates < *planned) {
+  if (!IsUsers() && !has_diverged && updates && planned && *updates < *planned) {
     Fault(fmt::format("updates is {}, fewer than planned_updates, {}", *updates, *planned));
   }
   CheckText("selection", "last");
@@ -166,7 +171,8 @@ void Checker::CheckBenchmarks() {
     }
     const auto found = std::ranges::find(sources_.benchmarks, text, &Benchmark::name);
     if (found == sources_.benchmarks.end()) {
-      Fault(fmt::format("benchmark '{}' is in no suite", text));
+      Fault(fmt::format("benchmark '{}' is in no suite (--suites FOLDER for your own)", text));
+      suites.insert(suite);  // of which it may be
       continue;
     }
     suites.insert(found->suite);
@@ -358,10 +364,6 @@ std::vector<std::string> Checker::Check(const std::string& file_name) {
 }
 
 }  // namespace
-
-std::string DatasetName(const Json& result) {
-  return std::string(ShortName(TextOf(EntryOf(result, "dataset"), "name")));
-}
 
 PlanSources PlanSourcesFor(const Json& result, const CheckSources& sources) {
   PlanSources plan = sources.plan;

@@ -24,9 +24,6 @@ struct CheckSources {
   std::function<Result<EnvironmentSpec>(const std::string& name)> find_environment;
 };
 
-// The name of a result's dataset as plans have it (ShortName).
-std::string DatasetName(const nlohmann::ordered_json& result);
-
 // What plans for a result ask of the rest of the program. A dataset without a recipe, the user's
 // own or D4RL's, holds what the result says: whoever checks it need not have it. `result` outlives
 // it.

@@ -15,6 +15,7 @@
 #include "algorithms/datasets/dataset_recipes.h"
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/plain_text.h"
 #include "benchmarks/records/result_file.h"
 #include "data/files/csv_cell.h"
 #include "data/files/folder_listing.h"
@@ -229,9 +230,10 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   std::vector<Json> results;
   std::vector<std::string> paths;
   for (const std::string& file : files) {
-    const auto json = ReadJsonObject(file);
+    auto json = ReadJsonObject(file);
     if (!json.ok() && skipped != nullptr) skipped->push_back(json.status().message());
     if (!json.ok() || !IsTrue(*json, "finished")) continue;
+    ReplaceControls(&*json);
     results.push_back(Needed(*json, KnownBenchmarks(*json, file, known, skipped)));
     paths.push_back(file);
   }

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/run/run_ledger.h"
 #include "benchmarks/records/json_file.h"
 #include "benchmarks/records/learned.h"
@@ -106,6 +107,14 @@ std::string LinesOf(const Json& json) {
   return text + "}\n";
 }
 
+// Why a training diverged, of its result.json; "": it did not. Behind a semicolon that names the
+// last good state by its path, which means nothing elsewhere.
+std::string DivergenceOf(const Json& result) {
+  if (TextOf(result, "state") != "diverged") return "";
+  const std::string reason = TextOf(result, "reason");
+  return reason.substr(0, std::min(reason.find(';'), kMostDivergedBytes));
+}
+
 // What `b4mrl train` has left in a folder.
 Result<RunOutcome> OutcomeOfTraining(const std::string& folder) {
   RunOutcome outcome;
@@ -116,8 +125,9 @@ Result<RunOutcome> OutcomeOfTraining(const std::string& folder) {
   B4MRL_ASSIGN_OR_RETURN(const Json record, ReadJsonObject(folder + "/run.json"));
   B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(folder + "/result.json"));
   outcome.ended = TextOf(result, "state") == "finished";
+  outcome.diverged = DivergenceOf(result);
   // While a run goes on, its result.json is that of an earlier session.
-  if (CountOf(result, "updates") == outcome.curve.back().updates) {
+  if (CountOf(result, "evaluation_updates") == outcome.curve.back().updates) {
     outcome.returns = EntryOf(result, "returns");
   }
   outcome.columns_sha256 = TextOf(result, "dataset_columns_sha256");
@@ -195,6 +205,14 @@ bool AddBenchmarks(const std::vector<std::string>& more, Json* json) {
   return names.size() > named;
 }
 
+// Whether a result is of the training that the one before it tells of. A user's learner that is
+// asked for more, or finds other rows, begins anew, and may come to the same numbers again.
+bool IsOfSameTraining(const Json& before, const Json& json) {
+  const auto rows = [](const Json& of) { return TextOf(EntryOf(of, "dataset"), "columns_sha256"); };
+  return EntryOf(before, "curve") == EntryOf(json, "curve") && rows(before) == rows(json) &&
+         CountOf(before, "planned_updates") >= CountOf(json, "planned_updates");
+}
+
 // What stays of the result that `json` is to replace. A plan with fewer suites takes no benchmark
 // away, and a further scoring changes nothing of what was trained on which rows, for which budget
 // and by which program.
@@ -202,7 +220,7 @@ void KeepOrigin(const std::string& path, Json* json) {
   const Result<Json> before = ReadJsonObject(path);
   if (!before.ok()) return;
   AddBenchmarks(TextsOf(*before, "benchmarks"), json);
-  if (!IsTrue(*before, "finished") || EntryOf(*before, "curve") != (*json)["curve"]) return;
+  if (!IsTrue(*before, "finished") || !IsOfSameTraining(*before, *json)) return;
   for (const char* key : {"budget", "planned_updates", "version", "commit", "dataset"}) {
     if (before->contains(key)) (*json)[key] = EntryOf(*before, key);
   }
@@ -215,10 +233,19 @@ std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
 }
 
 std::string CellKey(const Json& result) {
-  return fmt::format("{} {} {} {} {}", TextOf(result, "cell"),
+  return fmt::format("{} {} {} {} {} {}", TextOf(result, "cell"),
                      TextOf(EntryOf(result, "dataset"), "columns_sha256"),
                      TextOf(result, "simulator"), TextOf(result, "corruption"),
-                     TextOf(result, "world"));
+                     TextOf(result, "world"), TextOf(result, "source"));
+}
+
+std::string DatasetName(const Json& result) {
+  return std::string(ShortName(TextOf(EntryOf(result, "dataset"), "name")));
+}
+
+bool HasDiverged(const Json& result) {
+  const size_t bytes = TextOf(result, "diverged").size();
+  return bytes > 0 && bytes <= kMostDivergedBytes && !IsTrue(result, "finished");
 }
 
 std::optional<uint64_t> LearnsUntil(std::string_view source, const Json& hyperparameters) {
@@ -279,6 +306,7 @@ Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_fol
                {"budget", origin.budget},
                {"planned_updates", outcome.planned_updates.value_or(origin.updates)}});
   AddScores(outcome, origin, &json);
+  if (!outcome.diverged.empty()) json["diverged"] = outcome.diverged;
   json.update({{"scorings", scorings},
                {"source", outcome.source},
                {"selection", "last"},
@@ -306,7 +334,12 @@ Status NameAllBenchmarks(const PlannedRun& run, const std::string& results_folde
 }
 
 bool RunResult::IsDone(const PlannedRun& run, uint64_t target) const {
+  if (run.is_users() && IsOfOtherRows(run)) return false;
   return finished && (run.is_users() ? planned_updates : updates) >= target;
+}
+
+bool RunResult::IsOfOtherRows(const PlannedRun& run) const {
+  return !columns_sha256.empty() && !run.rows_at_hand.empty() && columns_sha256 != run.rows_at_hand;
 }
 
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {
@@ -323,6 +356,7 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   result.seconds = NumberOf(json, "seconds").value_or(0);
   result.agent_sha256 = TextOf(json, "agent_sha256");
   result.learner_sha256 = TextOf(json, "learner_sha256");
+  result.columns_sha256 = TextOf(EntryOf(json, "dataset"), "columns_sha256");
   for (const auto& [name, scoring] : EntryOf(json, "scorings").items()) {
     result.scorings.insert(name);
   }

@@ -6,6 +6,7 @@
 // process; one thread a call.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -36,8 +37,9 @@ struct ResultOrigin {
 
 // What a run has come to, in words of a result.
 struct RunOutcome {
-  Curve curve;         // empty: there is no evaluation yet
-  bool ended = false;  // whether training has ended in order
+  Curve curve;           // empty: there is no evaluation yet
+  bool ended = false;    // whether training has ended in order
+  std::string diverged;  // why its training diverged; "": it did not
   // Of a user's learner: what it was asked to do, and which command has done it.
   std::optional<uint64_t> planned_updates;
   std::string learner_sha256;
@@ -61,18 +63,30 @@ struct RunResult {
   double seconds = 0;              // of training, evaluations included; a kept ensemble is free
   std::string agent_sha256;        // of the agent's file; "": there was none
   std::string learner_sha256;      // of the command of a user's learner; "": it is not known
+  std::string columns_sha256;      // of the rows that it learned from; "": it used none
   std::set<std::string> scorings;  // names of the further evaluations that it holds
 
   // Whether the run, which is to do so many updates, has finished with them or with more. A learner
-  // of the user's own that was told to do so many decides itself when it has finished.
+  // of the user's own that was told to do so many decides itself when it has finished; its run is
+  // not done if it has learned from other rows than those at hand.
   bool IsDone(const PlannedRun& run, uint64_t target) const;
+  // Whether its dataset is known to hold other rows now than those that it learned from.
+  bool IsOfOtherRows(const PlannedRun& run) const;
 };
 
 // What a result's run has in common with those of other seeds that it may be averaged with. Results
 // on other rows of their dataset have another one. So have those of other perturbations, which the
 // cell's id does not tell for a user's learner: that hangs on its benchmark's name, which may have
-// meant another world before.
+// meant another world before. And so have those that somebody else has trained or scored.
 std::string CellKey(const nlohmann::ordered_json& result);
+
+// The name of a result's dataset as plans have it (ShortName).
+std::string DatasetName(const nlohmann::ordered_json& result);
+
+// Whether a result says that its run has not finished because it diverged, and in as many bytes as
+// its entry "diverged" may have for the reason.
+inline constexpr size_t kMostDivergedBytes = 1'000;
+bool HasDiverged(const nlohmann::ordered_json& result);
 
 // Until which update the policy of a run of the project's learns, of a result's entries `source`
 // and `hyperparameters`: its learning rate has then fallen to 0. Nothing: without end.

@@ -31,6 +31,28 @@ Result<std::optional<UsedDataset>> DatasetJobs::FindCounted(const std::string& f
   return Find(full_name);
 }
 
+Result<std::optional<UsedDataset>> DatasetJobs::LearnedFrom(const PlannedRun& run) const {
+  if (run.dataset.empty()) return std::optional<UsedDataset>();
+  B4MRL_ASSIGN_OR_RETURN(auto dataset, FindCounted(run.full_dataset));
+  if (dataset) return dataset;
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("{} is gone, so the result of {} cannot say what it learned from",
+                            run.full_dataset, run.name));
+}
+
+void DatasetJobs::NoteRowsAtHand(bool counts, std::vector<PlannedRun>* plan) const {
+  std::map<std::string, std::string> known;  // hashes by full name
+  for (PlannedRun& run : *plan) {
+    if (run.dataset.empty()) continue;
+    const auto [entry, is_new] = known.emplace(run.full_dataset, "");
+    if (is_new) {
+      const auto found = counts ? FindCounted(run.full_dataset) : Find(run.full_dataset);
+      if (found.ok() && *found) entry->second = (*found)->columns_sha256;
+    }
+    run.rows_at_hand = entry->second;
+  }
+}
+
 std::string DatasetJobs::WayOut(const PlannedRun& run) const {
   std::string command = fmt::format("b4mrl dataset make {} --replace", run.dataset);
   if (run.rows) command += fmt::format(" --rows {}", *run.rows);

@@ -37,6 +37,12 @@ class DatasetJobs {
   // The same with its rows counted, for which it is opened if they are not. A file that was made
   // again is not counted until somebody opens it.
   Result<std::optional<UsedDataset>> FindCounted(const std::string& full_name) const;
+  // The dataset of a run that has learned from it; nothing of a run without one.
+  // kFailedPrecondition if it is gone.
+  Result<std::optional<UsedDataset>> LearnedFrom(const PlannedRun& run) const;
+  // Sets rows_at_hand of the runs, as far as somebody has counted the rows or, if `counts` says so,
+  // they can be counted now.
+  void NoteRowsAtHand(bool counts, std::vector<PlannedRun>* plan) const;
   // Why a run must not train on it: its rows are not those for which the run was planned. "": they
   // are, or nobody has counted them yet.
   std::string Refusal(const PlannedRun& run, const UsedDataset& dataset) const;

@@ -62,8 +62,9 @@ struct BenchmarkCommand {
   void AddRunOptions(CLI::App& app);
   void AddSlurmOptions(CLI::App& app);
   Result<int> Run(PlanWork work);
-  // What a learner of the user's own has no use for.
-  Status CheckLearnerOptions() const;
+  // Whether the options go together: what a daemon elsewhere and a learner of the user's own have
+  // no use for.
+  Status CheckOptions() const;
   // A private daemon on a folder of datasets, which need not exist.
   Result<PrivateDaemon> StartDaemon(const std::string& data_folder) const;
   // What --index leaves of the plan.
@@ -82,7 +83,8 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
       "--budget", budget,
       "smoke, small, paper or another of benchmarks/budgets.toml, or a file with one budget "
       "[small]");
-  app.add_option("--algorithms", choice.algorithms, "algorithms to train [all of the budget]")
+  app.add_option("--algorithms", choice.algorithms,
+                 "algorithms to train, joined by commas [all of the budget]")
       ->delimiter(',')
       ->allow_extra_args(false);
   app.add_option("--seeds", choice.seeds, "seeds: \"0\", \"0..2\" [as many as the budget says]");
@@ -223,7 +225,13 @@ Result<PrivateDaemon> BenchmarkCommand::StartDaemon(const std::string& data_fold
   return PrivateDaemon::Start(own);
 }
 
-Status BenchmarkCommand::CheckLearnerOptions() const {
+Status BenchmarkCommand::CheckOptions() const {
+  if (!options.endpoint.empty() && !options.data_folder.empty()) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("--data-folder {} and the daemon at {} exclude each other: the data "
+                              "are the daemon's (--endpoint or B4MRL_ENDPOINT)",
+                              options.data_folder, options.endpoint));
+  }
   if (!choice.learner) return Status();
   if (!choice.algorithms.empty()) {
     return InvalidArgument("--algorithms", fmt::format("{}", fmt::join(choice.algorithms, ",")),
@@ -240,17 +248,11 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(const Budget chosen, FindBudget(budget));
   if (options.folder.empty()) options.folder = "runs/benchmark";
   if (options.results.empty()) options.results = options.folder + "/results";
-  if (!options.endpoint.empty() && !options.data_folder.empty()) {
-    return Status(StatusCode::kInvalidArgument,
-                  fmt::format("--data-folder {} and the daemon at {} exclude each other: the data "
-                              "are the daemon's (--endpoint or B4MRL_ENDPOINT)",
-                              options.data_folder, options.endpoint));
-  }
+  if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
+  B4MRL_RETURN_IF_ERROR(CheckOptions());
   if (options.endpoint.empty() && options.data_folder.empty()) {
     options.data_folder = chosen.rows ? options.folder + "/data" : DefaultDataFolder();
   }
-  if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
-  B4MRL_RETURN_IF_ERROR(CheckLearnerOptions());
   std::error_code error;
   if (!choice.suites.empty()) options.suites = fs::absolute(choice.suites, error);
   options.commit = BuildCommit();
@@ -274,6 +276,9 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   client.DelayCancellation(kInterruptPatience);
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
   if (!daemon) options.data_folder = daemon_status.data_folder();
+  if (!daemon && choice.learner && work != PlanWork::kShow) {
+    B4MRL_RETURN_IF_ERROR(CheckServed(choice, client));
+  }
   B4MRL_ASSIGN_OR_RETURN(SuitePlan suite, PlanSuite(choice, chosen, client));
   if (suite.runs.empty()) {
     return Status(StatusCode::kInvalidArgument,
@@ -282,14 +287,20 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
                       : fmt::format("{}", fmt::join(suite.left_out, "\n")));
   }
   for (const std::string& reason : suite.left_out) Tell(reason + "\n");
-  if (looks || work == PlanWork::kSubmit) {
-    const DatasetJobs datasets(
-        client, {.data_folder = options.data_folder, .daemon_words = DaemonWordsOf(options)});
+  const DatasetJobs datasets(
+      client, {.data_folder = options.data_folder, .daemon_words = DaemonWordsOf(options)});
+  const bool trains = !looks && work == PlanWork::kTrain;
+  if (!trains) {
     B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(suite.runs));
     for (const std::string& refusal : refusals) Tell(refusal + "\n");
   }
-  if (work == PlanWork::kSubmit) return Submit(suite.runs);
-  B4MRL_ASSIGN_OR_RETURN(const auto plan, Chosen(std::move(suite.runs)));
+  if (work != PlanWork::kSubmit) {
+    B4MRL_ASSIGN_OR_RETURN(suite.runs, Chosen(std::move(suite.runs)));
+  }
+  // A learner of the user's own trains again on rows that were replaced, which it opens anyway.
+  datasets.NoteRowsAtHand(trains && choice.learner.has_value(), &suite.runs);
+  const std::vector<PlannedRun>& plan = suite.runs;
+  if (work == PlanWork::kSubmit) return Submit(plan);
   if (looks) {
     const PlanStatus status =
         StatusOf(plan, options.folder, options.results, options.until_settled);

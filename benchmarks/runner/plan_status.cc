@@ -115,6 +115,10 @@ std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& r
       result.learner_sha256 != LearnerHash(run)) {
     reasons.emplace_back("was trained by another --learner");
   }
+  if (result.IsOfOtherRows(run)) {
+    reasons.push_back(fmt::format("learned from other rows of {} than those at hand",
+                                  run.full_dataset));
+  }
   const auto missing = MissingScorings(run, result);
   // A learner that scores itself has left no agent.
   if (!missing.empty() && !result.agent_sha256.empty() && !HoldsAgentOf(result, run_folder)) {

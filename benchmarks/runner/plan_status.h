@@ -49,7 +49,8 @@ struct PlanStatus {
 bool HoldsAgentOf(const RunResult& result, const std::string& run_folder);
 
 // Why the result of a run that is done is not what the run would bring now, one line each: another
-// command of a user's learner has brought it, or it lacks scorings and its agent is gone.
+// command of a user's learner has brought it, it has learned from other rows than those at hand, or
+// it lacks scorings and its agent is gone.
 std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& result,
                                        const std::string& run_folder,
                                        const std::string& results_folder);

@@ -7,6 +7,7 @@
 #include "algorithms/base/progress.h"
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/leaderboard.h"
+#include "benchmarks/records/plain_text.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
 #include "proto/base/exit_codes.h"
@@ -63,25 +64,6 @@ CLI::App* RecordsCommand::AddEvaluate(CLI::App& app) {
   command->add_flag("--quiet", evaluation.quiet, "show no progress on stderr");
   return command;
 }
-
-namespace {
-
-constexpr size_t kMostShownBytes = 1'000;  // of one line
-
-// What is said of a stranger's file, which could otherwise forge lines or move a terminal's cursor:
-// without control characters, also those of UTF-8, and not longer than a few lines.
-std::string OnOneLine(std::string text) {
-  for (size_t i = 0; i < text.size(); ++i) {
-    const auto byte = static_cast<unsigned char>(text[i]);
-    const auto next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
-    if (byte < 0x20 || byte == 0x7f) text[i] = '?';
-    if (byte == 0xc2 && next >= 0x80 && next < 0xa0) text[i] = text[i + 1] = '?';
-  }
-  if (text.size() <= kMostShownBytes) return text;
-  return text.substr(0, kMostShownBytes) + "...";
-}
-
-}  // namespace
 
 Result<int> RecordsCommand::Check() const {
   B4MRL_ASSIGN_OR_RETURN(const PrivateDaemon daemon, PrivateDaemon::Start());

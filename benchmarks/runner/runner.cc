@@ -198,8 +198,12 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       return true;
     }
     if (HasAgent(task.folder)) return BeginMissingScoring(number, {}, claim);
-    if (!FinishedResult(task)) SetLearnedAside(task.folder);  // it is to do more: it begins anew
-    return false;
+    if (FinishedResult(task)) return false;  // which is seen when the run is looked at again
+    SetLearnedAside(task.folder);            // it is to do more: it begins anew
+    if (++task.attempts < kMostAttempts) return false;
+    Fail(task, fmt::format("its learner has ended, but {} holds no result that counts",
+                           ResultPath(options_.results, run)));
+    return true;
   } else {
     SetLearnedAside(task.folder);  // of an attempt that failed, or of another command
     B4MRL_ASSIGN_OR_RETURN(EnvironmentSpec spec, client_.FindEnvironment(run.environment));
@@ -349,18 +353,12 @@ Status Runner::WriteResult(Task& task) {
   if (error == std::errc::no_such_file_or_directory) return Status();  // nothing was logged yet
   if (error) return IoError("read", task.folder + "/progress.csv", error.value());
   const auto state = ReadRunStatus(task.folder);
-  const bool ended = is_users || (state.ok() && state->state == RunState::kFinished);
+  const bool ended =
+      is_users ||
+      (state.ok() && (state->state == RunState::kFinished || state->state == RunState::kDiverged));
   if (bytes == task.written && !ended) return Status();
   task.written = bytes;  // also of an attempt that fails, which is reported once
-  std::optional<UsedDataset> dataset;
-  if (!task.run->dataset.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(dataset, datasets_.FindCounted(task.run->full_dataset));
-    if (!dataset) {
-      return Status(StatusCode::kFailedPrecondition,
-                    fmt::format("{} is gone, so the result of {} cannot say what it learned from",
-                                task.run->full_dataset, task.run->name));
-    }
-  }
+  B4MRL_ASSIGN_OR_RETURN(const auto dataset, datasets_.LearnedFrom(*task.run));
   if (dataset) task.refused = datasets_.Refusal(*task.run, *dataset);
   if (dataset && is_users &&
       LearnedRows(task.folder).value_or(dataset->columns_sha256) != dataset->columns_sha256) {

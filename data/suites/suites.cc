@@ -89,9 +89,13 @@ Status CheckNames(const std::vector<Benchmark>& benchmarks) {
       return fmt::format("simulator '{}', dataset '{}', corruption '{}'", which.simulator,
                          which.dataset, which.corruption);
     };
+    const bool differ_in_simulator = benchmark.simulator != other->second->simulator;
     return Status(StatusCode::kInvalidArgument,
-                  fmt::format("two benchmarks are named {}: {}; and {}", benchmark.name,
-                              text(*other->second), text(benchmark)));
+                  fmt::format("two benchmarks are named {}: {}; and {}{}", benchmark.name,
+                              text(*other->second), text(benchmark),
+                              differ_in_simulator ? "; give each simulator a [[challenge]] of its "
+                                                    "own with a `label`"
+                                                  : ""));
   }
   return Status();
 }

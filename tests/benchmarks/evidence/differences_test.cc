@@ -33,6 +33,21 @@ TEST_CASE("Levels are mean differences from the paper, a run once") {
   CHECK(levels[1].difference == Approx(-4));
 }
 
+TEST_CASE("Scores on other rows than the published ones have no level and no deviation") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours = paper;
+  for (auto& [name, score] : ours) {
+    score.mean += 20;
+    score.has_other_rows = name.second != "iql";
+  }
+  const auto levels = ScoreLevels(paper, ours, OwnBenchmarks());
+  REQUIRE(levels.size() == 1);
+  CHECK(levels[0].algorithm == "iql");
+  for (const Deviation& each : Deviations(paper, ours, OwnBenchmarks(), 15)) {
+    CHECK(each.algorithm == "iql");
+  }
+}
+
 TEST_CASE("Scores far from the paper's are listed once a run") {
   const CellScores paper = PaperScores(OwnBenchmarks());
   CellScores ours = paper;

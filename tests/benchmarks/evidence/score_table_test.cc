@@ -51,10 +51,14 @@ TEST_CASE("A cell has settled where no run's policy learns any more") {
     json["hyperparameters"] = {{"cosine-updates", learns_until}};
     MadeResults results({});
     results.Add(json.dump());
-    return results.Read(OwnBenchmarks()).Find(kMedium, {"iql", ""})->CourseOfScore();
+    const ScoreTable table = results.Read(OwnBenchmarks());
+    const Cell* cell = table.Find(kMedium, {made.algorithm, ""});
+    REQUIRE(cell != nullptr);
+    return cell->CourseOfScore();
   };
   CHECK(course(made.updates) == Course::kSettled);
   CHECK(course(made.updates + 1) == Course::kRising);
+  made.algorithm = "mine";
   made.source = "user";  // whose hyperparameters may have any names
   CHECK(course(made.updates) == Course::kRising);
 }
@@ -320,6 +324,7 @@ TEST_CASE("A result of an unknown benchmark fills no cell, and a note says so") 
   CHECK(std::ranges::count(table.runs(), true, &ScoredRun::fills_a_cell) == 1);
   REQUIRE(table.notes().size() == 1);
   CHECK(table.notes()[0].find("names no benchmark of these suites") != std::string::npos);
+  CHECK(table.left_out().size() == 1);
 }
 
 TEST_CASE("Until a number of updates, a run counts as it was then") {
@@ -339,45 +344,6 @@ TEST_CASE("Until a number of updates, a run counts as it was then") {
   const ScoreTable once = results.Read(OwnBenchmarks(), early);
   CHECK(once.Find(kClean, once.series()[0])->CourseOfScore() == Course::kUntold);
   CHECK(whole.runs()[0].further.at("full") == 41);
-}
-
-TEST_CASE("A seed that went on is read at the updates that all seeds of its cell have") {
-  const MadeResults results({{.algorithm = "iql",
-                              .benchmarks = {kClean, kMedium},
-                              .score = 50,
-                              .settled = false,
-                              .updates = 2000},
-                             {.algorithm = "iql",
-                              .benchmarks = {kClean, kMedium},
-                              .score = 40,
-                              .seed = 1,
-                              .cell = "iql" + std::string(kClean)}});
-  const ScoreTable table = results.Read(OwnBenchmarks());
-  const Cell& cell = *table.Find(kClean, {"iql", ""});
-  CHECK(cell.Scores() == std::vector<double>{45, 40});
-  CHECK(cell.MostUpdates() == 1000);
-  CHECK(cell.runs[0]->further.empty());  // the scored agent is a later one
-  REQUIRE(table.notes().size() == 1);
-  CHECK_THAT(table.notes()[0], Catch::Contains("gone on to 2000 updates and is read at 1000"));
-  // The run itself stays whole, for curves and core-hours.
-  CHECK(table.runs()[0].updates == 2000);
-  CHECK(table.runs()[0].fills_a_cell);
-}
-
-TEST_CASE("Seeds with other evaluations are read at the last that all of them have") {
-  const std::string cell = "iql" + std::string(kClean);
-  const MadeResults results(
-      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 50, .cell = cell},  // at 100, 200, ...
-       {.algorithm = "iql",
-        .benchmarks = {kClean},
-        .score = 40,
-        .seed = 1,
-        .cell = cell,
-        .updates = 750}});  // at 75, 150, ...
-  const ScoreTable table = results.Read(OwnBenchmarks());
-  CHECK(table.Find(kClean, {"iql", ""})->LeastUpdates() == 600);
-  CHECK(table.Find(kClean, {"iql", ""})->MostUpdates() == 600);
-  CHECK(table.Find(kClean, {"iql", ""})->runs.front()->is_part);
 }
 
 TEST_CASE("A score that gets worse is falling, not rising") {

@@ -1,6 +1,9 @@
 #include "benchmarks/jobs/training_order.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
+#include <cstdlib>
+#include <string>
 
 namespace b4mrl {
 namespace {
@@ -28,6 +31,20 @@ TEST_CASE("A run that has settled goes no further, under whichever budget it was
   run.updates = 20;
   CHECK(UpdatesToTrain(run, ResultAt(20, true, true), 3) == 20);
   CHECK(UpdatesToTrain(run, ResultAt(50, true, true), 3) == 20);
+}
+
+TEST_CASE("A user's learner has one thread in its libraries unless its user says otherwise") {
+  PlannedRun run;
+  run.learner = "true";
+  run.benchmarks = {"HalfCheetah/clean/medium"};
+  unsetenv("OPENBLAS_NUM_THREADS");
+  setenv("OMP_NUM_THREADS", "3", 1);
+  const auto variables = LearnerOrder(run, "runs/mine", {}).environment;
+  unsetenv("OMP_NUM_THREADS");
+  CHECK(std::ranges::count(variables, "OPENBLAS_NUM_THREADS=1") == 1);
+  // The process that is started inherits the user's own.
+  CHECK(std::ranges::none_of(
+      variables, [](const std::string& each) { return each.starts_with("OMP_NUM_THREADS="); }));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -54,6 +55,33 @@ TEST_CASE("The committed results make the committed report, one page of at most 
   CHECK(page.size() <= 5'000'000);
   CHECK(page.find("<script") == std::string::npos);
   CHECK(page.find(folder.path()) == std::string::npos);
+}
+
+TEST_CASE("No table of a report has two columns of one name") {
+  const Document report =
+      MakeReport(Take(GatherEvidence({.folder = B4MRL_SOURCE_DIR "/benchmarks/results"})));
+  for (const Table* table : report.All<Table>()) {
+    std::set<std::string> names;
+    for (const Column& column : table->columns) {
+      CAPTURE(table->id, column.name);
+      CHECK(names.insert(column.name).second);
+    }
+  }
+}
+
+TEST_CASE("Runs on other rows than the published ones are compared with nothing of the paper's") {
+  const std::string gravity = "HalfCheetah/modelling-error/gravity+medium";
+  const MadeResults results({{.algorithm = "iql", .benchmarks = {gravity}, .score = 1, .rows = "x"},
+                             {.algorithm = "bc", .benchmarks = {gravity}, .score = 2}});
+  const Document report = MakeReport(Take(GatherEvidence({.folder = results.path()})));
+  const std::string text = ToMarkdown(report);
+  CHECK_THAT(text, Catch::Contains("Not to be compared: 1 of the runs"));
+  CHECK_THAT(text, Catch::Contains("0 of the paper's 391 cells"));
+  CHECK_THAT(text, !Catch::Contains("unexplained"));
+  for (const Table* table : report.All<Table>()) {
+    CHECK(table->id != "levels");
+    CHECK(table->id != "deviations");
+  }
 }
 
 TEST_CASE("A user's own algorithm appears beside the others") {

@@ -158,6 +158,24 @@ TEST_CASE("Results of a benchmark that meant another world before are a row of t
   }
 }
 
+TEST_CASE("Results that their author has scored are a row of their own") {
+  Results results;
+  results.Add(ResultOf("mine", 0, 10));
+  Json own_score = ResultOf("mine", 1, 90);
+  own_score["source"] = "self-scored";
+  results.Add(own_score);
+  const auto rows = results.Rows();
+  REQUIRE(rows.size() == 4);
+  CHECK(rows[0].starts_with("E/a,mine,,self-scored,E/data-v0,9,aa,90.00,"));
+  CHECK(rows[1].starts_with("E/a,mine,,own,E/data-v0,9,aa,10.00,"));
+}
+
+TEST_CASE("Control characters of a name reach no terminal") {
+  Results results;
+  results.Add(ResultOf("a\x1b[2J\nb\xc2\x9b", 0, 10));
+  CHECK(results.Rows()[0].starts_with("E/a,a\uFFFD[2J\uFFFDb\uFFFD,,own,"));
+}
+
 TEST_CASE("Three seeds on other data than the published ones are no entry") {
   const auto entry = [](const Json& dataset) {
     Results results;

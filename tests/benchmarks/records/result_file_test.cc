@@ -37,8 +37,17 @@ class Folders {
   std::string path() const { return ResultPath(results(), planned_); }
   void State(const std::string& state, const std::string& rows_sha256 = "") {
     WriteBytes(run() + "/result.json",
-               R"({"state": ")" + state + R"(", "updates": 500, "returns": [1, 2], )" +
-                   R"("dataset_columns_sha256": ")" + rows_sha256 + R"("})");
+               R"({"state": ")" + state + R"(", "updates": 500, "evaluation_updates": 500, )" +
+                   R"("returns": [1, 2], "dataset_columns_sha256": ")" + rows_sha256 + R"("})");
+  }
+  // What the runner keeps of a learner of the user's own that was asked for so many updates and
+  // stopped after seven.
+  void Learned(uint64_t planned_updates) {
+    planned_.learner = "python mine.py";
+    WriteBytes(run() + "/learned.json",
+               R"({"source": "self-scored", "returns": [1, 2], "mean_return": 1.5, )"
+               R"("std_return": 0.5, "updates": 7, "planned_updates": )" +
+                   std::to_string(planned_updates) + "}");
   }
   void AskFor(uint64_t updates) { planned_.updates = updates; }
   // Names the benchmarks of a plan whose run fills these cells.
@@ -150,6 +159,46 @@ TEST_CASE("A further scoring of a finished run leaves what it learned from as it
   RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
   RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "dd", "bb"}));
   CHECK(folders.Written()["dataset"]["sha256"] == "aa");
+}
+
+TEST_CASE("A learner that brings the same numbers again has a result of what it was then told") {
+  Folders folders;
+  folders.Learned(100);
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
+  folders.Learned(200);
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
+  CHECK(folders.Written()["planned_updates"] == 200);
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "cc", "dd"}));
+  CHECK(folders.Written()["dataset"]["columns_sha256"] == "dd");
+}
+
+TEST_CASE(
+    "The result of a run that diverged says why, and has the returns of its last evaluation") {
+  Folders folders;
+  folders.Progress("100,5,1,10,1,20\n");
+  WriteBytes(folders.run() + "/result.json",
+             R"({"state": "diverged", "reason": "loss became nan; see /a/checkpoint-90", )"
+             R"("updates": 120, "evaluation_updates": 100, "returns": [9, 11]})");
+  RequireOk(folders.Write());
+  const auto json = nlohmann::ordered_json(folders.Written());
+  CHECK(json["diverged"] == "loss became nan");
+  CHECK(json["finished"] == false);
+  CHECK(json["returns"].size() == 2);
+  CHECK(HasDiverged(json));
+  folders.State("finished");
+  folders.Progress("100,5,1,10,1,20\n500,7,3,12,1,22\n");
+  RequireOk(folders.Write());
+  CHECK_FALSE(folders.Written().contains("diverged"));
+}
+
+TEST_CASE("A reason of divergence is no longer than it may be, and a finished run has none") {
+  nlohmann::ordered_json json = {{"finished", false}, {"diverged", std::string(1'000, 'x')}};
+  CHECK(HasDiverged(json));
+  json["diverged"] = std::string(1'001, 'x');
+  CHECK_FALSE(HasDiverged(json));
+  json["diverged"] = "x";
+  json["finished"] = true;
+  CHECK_FALSE(HasDiverged(json));
 }
 
 TEST_CASE("A result keeps the benchmarks that a plan with more suites has named") {
@@ -277,6 +326,21 @@ TEST_CASE("A run of a user's learner that was asked for as much is done when the
   CHECK_FALSE(RunResult{.finished = true, .updates = 100, .planned_updates = 99}.IsDone(run, 100));
   CHECK_FALSE(
       RunResult{.finished = false, .updates = 200, .planned_updates = 200}.IsDone(run, 100));
+}
+
+TEST_CASE("A run of a user's learner from other rows than those at hand is not done") {
+  const RunResult result = {
+      .finished = true, .updates = 100, .planned_updates = 100, .columns_sha256 = "aa"};
+  PlannedRun run;
+  run.rows_at_hand = "bb";
+  CHECK(result.IsOfOtherRows(run));
+  CHECK(result.IsDone(run, 100));  // of the project's, which is only told
+  run.learner = "python my.py";
+  CHECK_FALSE(result.IsDone(run, 100));
+  run.rows_at_hand = "aa";
+  CHECK(result.IsDone(run, 100));
+  run.rows_at_hand = "";  // nobody has counted them
+  CHECK(result.IsDone(run, 100));
 }
 
 TEST_CASE("A copy of results inside a folder of results hides none of these") {

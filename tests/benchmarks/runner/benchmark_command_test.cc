@@ -322,7 +322,7 @@ TEST_CASE("A run that diverged is reported, and tried again only if that is aske
   Suite suite;
   suite.pattern = "HalfCheetah/modelling-error/gravity+medium";
   WriteBytes(suite.File("budget.toml"),
-             "[tiny]\nevaluations = 2\nepisodes = 1\nrows = 2_000\n"
+             "[tiny]\nevaluations = 6\nepisodes = 1\nrows = 2_000\n"
              "updates = { bc = 20, sac = 300 }\n"
              // SAC's actor is no longer finite after 75 updates with so large a learning rate.
              "hyperparameters = { sac = { learning-rate = 1, warm-up = 500 } }\n");
@@ -331,6 +331,18 @@ TEST_CASE("A run that diverged is reported, and tried again only if that is aske
   CHECK(first.exit_code == 1);
   CHECK(first.out.find("1 of 2 runs done, 1 failed") != std::string::npos);
   CHECK(first.out.find("failed: HalfCheetah-sac-gravity-s0: diverged: ") != std::string::npos);
+  // Its result is that of its last evaluation, and says that no other one will come.
+  for (const auto& [name, text] : suite.Results(false)) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    CAPTURE(name, text);
+    CHECK(json["finished"] == (json["algorithm"] == "bc"));
+    if (json["finished"]) continue;
+    CHECK(json["updates"] == 50);
+    CHECK(json["returns"].size() == 1);
+    CHECK(json["diverged"].get<std::string>().find("diverged: ") != std::string::npos);
+    CHECK(json["diverged"].get<std::string>().find(suite.Out()) == std::string::npos);
+  }
+  CHECK(suite.Results(false).size() == 2);
   const Outcome again = Run(suite.Command());
   CHECK(again.exit_code == 1);
   CHECK(again.out.find("diverged before; --retry") != std::string::npos);

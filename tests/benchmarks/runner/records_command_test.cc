@@ -147,7 +147,8 @@ TEST_CASE("What does not fit the rest of a result is named") {
              "dataset.rows is 5000000, allowed: at most the 1000000 of HalfCheetah/medium-v0"));
   CHECK(says("/scorings/served", Json::object(), "scorings has 'served', which such a run does"));
   CHECK(says("/scorings", "none", "scorings must be an object"));
-  CHECK(says("/source", "a\nsound b\x1b[2J\xc2\x9b", "source is 'a?sound b?[2J?\?', allowed: "));
+  CHECK(says("/source", "a\nsound b\x1b[2J\xc2\x9b",
+             "source is 'a\uFFFDsound b\uFFFD[2J\uFFFD', allowed: "));
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/mediu", "is in no suite"));
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/medium-expert", "fills no cell of benchmark"));
   CHECK(says("/suite", "v9", "suite is 'v9'"));
@@ -167,6 +168,31 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/curve/3/4", 99, "the score after 8000 updates is not that of its return"));
   CHECK(says("/curve/3/3", -1, "the standard deviation after 8000 updates is -1"));
   CHECK(says("/curve/49/3", 1e6, "the last standard deviation is 1000000"));
+}
+
+TEST_CASE("A run that says why it diverged need not have finished") {
+  const auto faults = [](const std::string& reason) {
+    return FaultsOf("HalfCheetah-iql-medium-s0-", {{"/diverged", reason},
+                                                   {"/finished", false},
+                                                   {"/planned_updates", 1'000'000},
+                                                   {"/budget", "paper"},
+                                                   {"/seconds", -5}});
+  };
+  const std::string sound = faults("loss became nan");
+  INFO(sound);
+  CHECK(std::ranges::count(sound, '\n') == 2);  // its seconds, and the count of sound results
+  const std::string long_one = faults(std::string(1'001, 'x'));
+  CHECK(long_one.find("diverged must be a text of 1 to 1000 bytes") != std::string::npos);
+  CHECK(long_one.find("the run has not finished") != std::string::npos);
+}
+
+TEST_CASE("A result of a suite that was not given has no fault of its budget") {
+  const std::string faults = FaultsOf("HalfCheetah-iql-medium-s0-",
+                                      {{"/benchmarks", Json::array({"HalfCheetah/mine/medium"})}});
+  INFO(faults);
+  CHECK(faults.find("'HalfCheetah/mine/medium' is in no suite (--suites FOLDER for your own)") !=
+        std::string::npos);
+  CHECK(faults.find("budget is") == std::string::npos);
 }
 
 TEST_CASE("A further score that does not fit its returns, or its run, is named") {

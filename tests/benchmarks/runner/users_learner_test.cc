@@ -16,35 +16,6 @@ namespace {
 // As a word of a shell's command.
 constexpr char kAgent[] = "'" B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5'";
 
-// A suite that two benchmarks fit, and a budget for learners of the user's own.
-class UsersSuite {
- public:
-  UsersSuite() {
-    suite_.pattern = "HalfCheetah/confounding/hidden-*+medium";
-    AskFor("70");
-  }
-  void AskFor(const std::string& updates) const {
-    WriteBytes(suite_.File("budget.toml"),
-               "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = " + updates +
-                   "\nupdates = { bc = 20 }\n");
-  }
-  Outcome Train(const std::string& learner, const std::string& name = "mine",
-                const Words& more = {}) const {
-    Words words = {"--learner", learner, "--name", name};
-    words.insert(words.end(), more.begin(), more.end());
-    return Run(suite_.Command(words));
-  }
-  std::map<std::string, std::string> Results(bool with_agents = true) const {
-    auto results = suite_.Results(with_agents);
-    REQUIRE(results.size() >= 2);
-    return results;
-  }
-  std::string File(const std::string& name) const { return suite_.File(name); }
-
- private:
-  Suite suite_;
-};
-
 TEST_CASE("A learner that leaves an agent is told what to do, and its agent is scored") {
   const UsersSuite suite;
   const std::string seen = suite.File("seen");

@@ -76,6 +76,11 @@ TEST_CASE("Mistakes in a suite are refused by name") {
                                     "datasets = [\"medium\"]\n[[challenge]]\nname = \"c\"\n"
                                     "datasets = [\"medium\"]\nworld = \"gravity\"\n");
   CHECK(twice.find("two benchmarks are named Hopper/c/medium") != std::string::npos);
+  CHECK(twice.find("label") == std::string::npos);  // which would not help
+  const std::string simulators =
+      Refusal(kHead + "simulators = [\"gravity\", \"friction\"]\ncorruptions = [\"hidden=1\"]\n" +
+              "datasets = [\"medium\"]\n");
+  CHECK(simulators.ends_with("; give each simulator a [[challenge]] of its own with a `label`"));
   std::string many = kHead + "datasets = [";
   for (size_t i = 0; i <= kMaxBenchmarks; ++i) many += "\"d" + std::to_string(i) + "\", ";
   CHECK(Refusal(many + "]").find("more than 2048") != std::string::npos);
