@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -20,7 +19,8 @@ from b4mrl.environment import Environment
 from b4mrl.hosted import shown
 from b4mrl.opening import Opening, dataset_request, open_dataset, open_session, plain
 from b4mrl.origin import Origin
-from b4mrl.query import PendingQuery, QuerySessions, Rows
+from b4mrl.query import Draws, PendingQuery, QuerySessions, Rows
+from b4mrl.serve import PrivateDaemon
 from b4mrl.simulators import Simulator
 from b4mrl.spec import EnvironmentSpec, spec_of
 from b4mrl.vector_environment import VectorEnvironment
@@ -43,51 +43,56 @@ class Client(Shown):
 
     Environments and datasets made by a client are independent of the client and of each other;
     each may be used by one thread at a time. A client may be pickled and sent to another process,
-    where it connects anew. If only the gateway's port can be reached, all requests go through the
-    gateway, which is slower; the first time, a RuntimeWarning says so.
+    where it connects anew, as it does in a forked child. If only the gateway's port can be reached,
+    all requests go through the gateway, which is slower; the first time, a RuntimeWarning says so.
 
     Args:
-        endpoint: "tcp://HOST:PORT" or "ipc://PATH" of the daemon's gateway.
+        endpoint: "tcp://HOST:PORT" or "ipc://PATH" of the daemon's gateway, or what `serve` has
+            returned, which the client then keeps.
         deadline_ms: time limit of each request, in milliseconds. None: two minutes, but ten seconds
             for the first connection.
 
     Raises:
         UnavailableError: no daemon answers at `endpoint`.
         VersionMismatchError: the daemon speaks another version of the protocol.
+
+    Attributes:
+        server, engine: the versions of the daemon and of its physics engine.
     """
 
-    def __init__(self, endpoint: str, deadline_ms: float | None = None) -> None:
-        self.endpoint = endpoint
+    def __init__(self, endpoint: str | PrivateDaemon, deadline_ms: float | None = None) -> None:
+        self.endpoint: str = getattr(endpoint, "endpoint", endpoint)
+        self._daemon = endpoint  # a private one ends when nothing refers to it any more
         self.deadline_ms = checks.deadline_ms(deadline_ms, DEADLINE_MS)
         self._asked_deadline_ms = deadline_ms
-        self._process_id = os.getpid()
+        self._draws = Draws()
         self._connect()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Client, (self.endpoint, self._asked_deadline_ms))
 
     def _facts(self) -> Mapping[str, Any]:
-        return {
-            "endpoint": self.endpoint,
-            "server": self.hello.server_version,
-            "engine": self.hello.engine_version,
-        }
+        return {"endpoint": self.endpoint, "server": self.server, "engine": self.engine}
 
     def _connect(self) -> None:
         reach_ms = checks.deadline_ms(self._asked_deadline_ms, REACH_MS)
         self._gateway, self.hello = greet(self.endpoint, _CLIENT_NAME, reach_ms, self.deadline_ms)
+        self.server, self.engine = self.hello.server_version, self.hello.engine_version
         self._routes = Routes(self.endpoint, self.hello.capabilities)
-        self._query_sessions = QuerySessions(self.endpoint, self._routes, self.deadline_ms)
+        places = self.endpoint, self._routes
+        self._query_sessions = QuerySessions(*places, self.deadline_ms, self._draws)
 
     def _leave_parent(self) -> None:
         """Connects anew in a forked child, which cannot use its parent's connections."""
-        if os.getpid() != self._process_id:
+        if self._gateway.is_inherited:
             self._connect()
-            self._process_id = os.getpid()  # once that has succeeded
+
+    def _ask(self, connection: Connection, request: Any) -> Any:
+        return connection.call(request, bytearray(), self.deadline_ms).reply
 
     def _ask_gateway(self, request: Any) -> Any:
         self._leave_parent()
-        return self._gateway.call(request, bytearray(), self.deadline_ms).reply
+        return self._ask(self._gateway, request)
 
     def environments(self) -> dict[str, EnvironmentSpec]:
         """Name -> specification of every environment, under its default settings."""
@@ -146,8 +151,7 @@ class Client(Shown):
             simulator: perturbations in the order in which they apply: "gravity=1.5,action-delay=2",
                 or {"gravity": 1.5, "action-delay": 2}, or ["gravity=1.5", "action-delay=2"].
                 `hidden` comes last, wherever it stands. "gravity=0.5..2" draws the factor anew for
-                each episode, and info["gravity"] has it.
-                None: the true environment.
+                each episode, and info["gravity"] has it. None: the true environment.
             seed: the environment's seed until `reset(seed=...)` sets another one. None: the daemon
                 draws one.
             dtype: type of the returned observations, "float32" or "float64". The simulation runs
@@ -161,8 +165,7 @@ class Client(Shown):
             ledger: counts the environment's steps and episodes; see `ledger()`. None: none does.
 
         Raises:
-            UnknownNameError, InvalidArgumentError, UnsupportedError: the daemon refused an
-                argument; the message has its reason.
+            UnknownNameError, InvalidArgumentError, UnsupportedError: the message says why.
         """
         asked = plain(
             environment=environment,
@@ -245,6 +248,7 @@ class Client(Shown):
                 give float64 next observations, others float32 ones. The simulation runs in float64.
             draw: None: the number of this client's earlier queries of the simulator without a
                 draw, so that each has noise of its own. Parts of a split query share one draw.
+                A forked child goes on counting from there, so siblings need different seeds.
             ledger: counts the rows; see `ledger()`.
 
         Returns:
@@ -295,11 +299,7 @@ class Client(Shown):
     def datasets(self) -> list[DatasetInfo]:
         """The datasets in the daemon's data folder."""
         with contextlib.closing(self._connect_datasets()) as connection:
-            return Listing(
-                catalogue.read_datasets(
-                    lambda request: connection.call(request, bytearray(), self.deadline_ms).reply
-                )
-            )
+            return Listing(catalogue.read_datasets(functools.partial(self._ask, connection)))
 
     def dataset(
         self,

@@ -27,7 +27,11 @@ from b4mrl.wire.session import Session
 
 Batch = dict[str, Array]
 
-_READS_IN_FLIGHT = 2  # requests of one long read: one reply travels while another one is copied
+# A long read is cut into replies of at most this size, of which several are under way: over a slow
+# link, each has come before its request counts as lost and is sent again. The daemon fills many
+# replies up to this size at once, and few larger ones.
+_READ_BYTES = 1 << 20
+_READS_IN_FLIGHT = 8
 
 
 class Dataset(Shown):
@@ -57,6 +61,7 @@ class Dataset(Shown):
         name, rows, observation_size, action_size: name and sizes; `rows` counts the rows that the
             transition rule leaves.
         environment: in which it was recorded; "" if neither the file nor its name says.
+        corruption: the corruptions in parametric form, "hidden=9+10"; "" without any.
         hidden_dimensions: indices of observations that a corruption hides, or that the behaviour
             policy could not see: 0 in the rows, whatever noise corrupts the others.
         fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
@@ -78,6 +83,7 @@ class Dataset(Shown):
         self.in_force = in_force
         self.name = in_force.info.name
         self.environment = in_force.environment
+        self.corruption = simulators.text_of(in_force.corruptions)
         self.hidden_dimensions = in_force.hidden_dimensions
         self.fingerprint = in_force.fingerprint
         self.rows = in_force.rows
@@ -97,14 +103,8 @@ class Dataset(Shown):
         return (self._origin.open_again, (), {"default_seed": self.default_seed})
 
     def _facts(self) -> Mapping[str, Any]:
-        return {
-            "name": self.name,
-            "environment": self.environment,
-            "corruption": simulators.text_of(self.in_force.corruptions),
-            "rows": self.rows,
-            "observation_size": self.observation_size,
-            "action_size": self.action_size,
-        }
+        names = "name", "environment", "corruption", "rows", "observation_size", "action_size"
+        return {name: getattr(self, name) for name in names}
 
     @property
     def _connection(self) -> Connection:
@@ -328,9 +328,9 @@ class Dataset(Shown):
 
     @functools.cached_property
     def _rows_per_read(self) -> int:
-        """The largest number of rows that fits one reply."""
+        """The number of rows in one reply to a long read."""
         row_bytes = 4 * (2 * self.observation_size + self.action_size + 1) + 2
-        return min(limits.MAX_ROWS_PER_BATCH, rows_that_fit(row_bytes))
+        return min(limits.MAX_ROWS_PER_BATCH, rows_that_fit(row_bytes, _READ_BYTES))
 
     def _parts(self, first_row: int, rows: int) -> Generator[tuple[int, Batch], None, None]:
         """Yields the `rows` existing rows in order, in parts: (number of its first row, part)."""

@@ -23,8 +23,9 @@ class B4mrlError(Exception):
         code: the status code of the protocol, 1 to 15.
         recoverable: whether the same request may succeed later, unchanged: as the daemon says or,
             of an error that the client found, as is usual of its class.
-        executed_unknown: whether the operation may have been executed or not; its environments
-            cannot be used any more then.
+        executed_unknown: whether the operation may have been executed or not. If `recoverable` is
+            set, too, as after a deadline, the same call again settles that: a step is executed
+            once, however often it is asked for. Else its environments cannot be used any more.
         env_ids: the environments of the failed send if `recv` raised the error; else None.
     """
 

@@ -75,8 +75,8 @@ class Hosted(Shown):
     def _facts(self) -> Mapping[str, Any]:
         spec = self.session.spec
         return {
-            "environment": spec.name,
-            "simulator": simulators.text_of(self.session.in_force.perturbations),
+            "environment": self.environment,
+            "simulator": self.simulator,
             "observation": f"{spec.observation.shape} {self.session.dtype}",
             "action": f"{spec.action.shape} float32",
             "max_episode_steps": spec.max_episode_steps,
@@ -103,6 +103,16 @@ class Hosted(Shown):
             if is_lifted and self._spec.max_episode_steps is None:
                 # gym.make takes None for the task's own limit, which this argument lifts.
                 self._spec.kwargs["max_episode_steps"] = config.WITHOUT_LIMIT
+
+    @property
+    def environment(self) -> str:
+        """The environment's name, as in Client.make."""
+        return self.session.spec.name
+
+    @property
+    def simulator(self) -> str:
+        """The perturbations in parametric form, "gravity=2"; "" for the true environment."""
+        return simulators.text_of(self.session.in_force.perturbations)
 
     @property
     def transport(self) -> str:

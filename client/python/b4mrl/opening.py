@@ -19,7 +19,7 @@ from b4mrl import config, descriptions, errors, simulators
 from b4mrl.spec import spec_of
 from b4mrl.wire import arrays, checks, limits
 from b4mrl.wire.connection import Connection
-from b4mrl.wire.farewells import close_request
+from b4mrl.wire.farewells import say_farewell
 from b4mrl.wire.messages import AUTORESET_MODES, Request
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import Session
@@ -124,7 +124,7 @@ def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Se
         worker = routes.reach(reply.port, token)
         session = Session(worker, in_force, spec, dtype, deadline_ms)
     except BaseException:
-        opener.farewell(close_request())  # the daemon may have opened the session already
+        say_farewell(opener)  # the daemon may have opened the session already
         if worker is not None:
             worker.close()
         raise

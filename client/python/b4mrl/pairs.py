@@ -12,14 +12,15 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from b4mrl import errors, query
 from b4mrl.wire.arrays import Array
-from b4mrl.wire.session import Session
+from b4mrl.wire.session import QueryAnswer, Session
 
 # Columns of a pairing and their dtypes, in the order of a query's answer.
 _DTYPES = {
@@ -46,14 +47,27 @@ def simulate(
     """
     size = session.spec.observation.size
     pairs = {name: np.empty(_shape(name, rows, size), dtype) for name, dtype in _DTYPES.items()}
-    for first_row, part in parts:
-        asked = query.Rows.of(part["observations"], part["actions"])
-        answer = query.run(session, asked, seed, 0, first_row)
+    for first_row, answer in _answers(session, parts, seed):
         for whole, column in zip(pairs.values(), answer):
             whole[first_row : first_row + len(column)] = column
     for column in pairs.values():
         column.flags.writeable = False  # also of the views that callers get
     return pairs
+
+
+def _answers(
+    session: Session, parts: Iterable[tuple[int, Mapping[str, Array]]], seed: int
+) -> Iterator[tuple[int, QueryAnswer]]:
+    """Each part's first row and its answer; the next part is being simulated meanwhile."""
+    under_way: deque[tuple[int, Callable[[], QueryAnswer]]] = deque()
+    for first_row, part in parts:
+        asked = query.Rows.of(part["observations"], part["actions"])
+        under_way.append((first_row, query.begin(session, asked, seed, 0, first_row)))
+        if len(under_way) > 1:
+            earlier, gather = under_way.popleft()
+            yield earlier, gather()
+    for first_row, gather in under_way:
+        yield first_row, gather()
 
 
 def name_of(fingerprint: str, experiment_id: str, seed: int) -> str:

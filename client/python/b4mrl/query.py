@@ -29,6 +29,7 @@ from b4mrl.wire.session import QueryAnswer, Session
 # are done within their deadline even if a row takes milliseconds.
 _REQUESTS_IN_FLIGHT = 6
 _ROWS_AT_ONCE = min(1024, limits.MAX_QUERY_ROWS)
+Draws = Counter[tuple[str, str, str]]  # number of a simulator's queries without a draw of their own
 _MAX_SESSIONS = 16  # kept open for further queries; the least recently used is closed first
 
 
@@ -85,17 +86,13 @@ def _floats(given: ArrayLike, copy: bool) -> Array:
     return read.astype(np.float64 if is_wide else np.float32, copy=False)
 
 
-def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> QueryAnswer:
-    """Sends all rows to `session`, which has the dtype of `rows`; returns as Client.query does."""
-    return begin(session, rows, seed, draw, first_row)()
-
-
 def begin(
     session: Session, rows: Rows, seed: int, draw: int, first_row: int
 ) -> Callable[[], QueryAnswer]:
-    """As run, but returns once the first rows are sent; the returned function does the rest.
+    """Sends the first rows to `session`, which has the dtype of `rows`.
 
-    That function may be called once, as it gives up what is under way when it raises.
+    The returned function does the rest, and returns as Client.query does. It may be called once, as
+    it gives up what is under way when it raises.
     """
     flat = rows.flat(session.spec.observation.size, session.spec.action.size)
     count, at_once = len(flat.observations), _rows_at_once(flat)
@@ -183,12 +180,13 @@ class QuerySessions:
     Args:
         endpoint, routes: of the daemon.
         deadline_ms: time limit of each request, in milliseconds.
+        draws: the next draw of each simulator; not owned.
     """
 
-    def __init__(self, endpoint: str, routes: Routes, deadline_ms: float) -> None:
+    def __init__(self, endpoint: str, routes: Routes, deadline_ms: float, draws: Draws) -> None:
         self._open = functools.partial(open_session, endpoint, routes, deadline_ms=deadline_ms)
         self._sessions: OrderedDict[tuple[str | int | None, ...], Session] = OrderedDict()
-        self._draws: Counter[tuple[str, str, str]] = Counter()
+        self._draws = draws
         self._is_closed = False
 
     def find(self, opening: Opening) -> Session:

@@ -15,7 +15,7 @@ import gymnasium as gym
 from b4mrl.client import Client, call_once
 from b4mrl.environment import Environment
 from b4mrl.hosted import RENDER_MODES
-from b4mrl.serve import default_endpoint
+from b4mrl.serve import PrivateDaemon, default_endpoint
 from b4mrl.vector_environment import VectorEnvironment
 
 _KNOWN = ("HalfCheetah", "Hopper", "Walker2d", "Humanoid", "Highway")
@@ -60,12 +60,15 @@ def make_vec(
     return call_once(Client.make_vec, _endpoint(endpoint), None, environment, num_envs, **options)
 
 
-def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Client:
+def connect(
+    endpoint: str | PrivateDaemon | None = None, deadline_ms: float | None = None
+) -> Client:
     """Connects to a daemon.
 
     Args:
-        endpoint: "tcp://HOST:PORT" or "ipc://PATH" of the daemon's gateway. None: $B4MRL_ENDPOINT,
-            else one private daemon for all clients of this process.
+        endpoint: "tcp://HOST:PORT" or "ipc://PATH" of the daemon's gateway, or what `serve` has
+            returned, which the client then keeps. None: $B4MRL_ENDPOINT, else one private daemon
+            for all clients of this process.
         deadline_ms: time limit of each request, in milliseconds. None: two minutes, but ten seconds
             for the first connection.
 
@@ -73,7 +76,7 @@ def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Cl
         UnavailableError: no daemon answers at `endpoint`.
         VersionMismatchError: the daemon speaks another version of the protocol.
     """
-    return Client(_endpoint(endpoint), deadline_ms)
+    return Client(default_endpoint() if endpoint is None else endpoint, deadline_ms)
 
 
 def _endpoint(named: str | None) -> str:

@@ -139,7 +139,8 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
     def send(self, actions: ArrayLike, env_ids: EnvIds = None) -> None:
         """Starts a step of the environments `env_ids` (k,), or of all; actions (k, *shape).
 
-        BusyError: one of them has a step under way. LimitExceededError: 64 sends are under way.
+        BusyError: one of them has a step under way. LimitExceededError: 64 sends have not been
+        received; beside so many, get_state and render wait until one of them is answered.
         """
         lanes = self._lanes(env_ids)
         count = self.num_envs if lanes is None else len(lanes)
@@ -151,7 +152,8 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
 
         The arrays have one entry for each environment of that send, in the order of its `env_ids`;
         `info["env_id"]` (k,) names the environments. If the send failed, the raised error has the
-        environments in its attribute `env_ids`.
+        environments in its attribute `env_ids`. A step that got no answer within the deadline is
+        still under way: call `recv` again.
         """
         return self.session.receive_step(self._part)
 

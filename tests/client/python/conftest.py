@@ -1,10 +1,13 @@
-"""One daemon for all tests, one with datasets, all simulators, and the long proofs' option."""
+"""One daemon for all tests, one with datasets, all simulators, forks, the long proofs' option."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+import os
+import pickle
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import b4mrl
 import pytest
@@ -48,6 +51,29 @@ def environment_workers(client: b4mrl.Client) -> list[int]:
     """
     workers = [each for each in client.server_status().workers if each.role.startswith("worker-")]
     return [worker.process_id for worker in workers if worker.process_id != 0]
+
+
+def in_a_child(call: Callable[[], Any]) -> Any:
+    """What `call` returns in a forked child; raises what it raises there."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            outcome = call()
+        except BaseException as error:
+            outcome = error
+        try:
+            with os.fdopen(write, "wb") as file:
+                pickle.dump(outcome, file)
+        finally:
+            os._exit(0)
+    os.close(write)
+    with os.fdopen(read, "rb") as file:
+        outcome = pickle.load(file)
+    os.waitpid(child, 0)
+    if isinstance(outcome, BaseException):
+        raise outcome
+    return outcome
 
 
 def pytest_sessionfinish() -> None:

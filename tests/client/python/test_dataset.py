@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 import pickle
 from pathlib import Path
 
@@ -14,7 +13,10 @@ import pytest
 from b4mrl import errors
 from b4mrl.benchmarks.ledger import LedgerCounts
 from b4mrl.wire import limits
+from b4mrl.wire.connection import Connection
+from b4mrl.wire.deliveries import Delivery
 
+from conftest import in_a_child
 from equality import assert_same
 from made_dataset import EXAMPLE_EPISODE, EXAMPLE_ROWS, write_example
 
@@ -222,6 +224,28 @@ def test_what_does_not_fit_one_reply_comes_in_parts(tmp_path: Path, long: bool) 
                 assert pairs["simulator_valid"].all()
 
 
+def test_a_long_read_comes_in_small_replies_of_which_eight_are_under_way(
+    example, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that over a slow link each of them comes before its request would be sent again."""
+    client, columns = example
+    under_way, payloads = [], []
+    receive = Connection.receive_any
+
+    def watch(connection: Connection, request_ids: tuple[int, ...]) -> Delivery:
+        under_way.append(len(connection._pending) + len(connection._arrived))
+        delivery = receive(connection, request_ids)
+        payloads.append(len(delivery.payload))
+        return delivery
+
+    monkeypatch.setattr("b4mrl.dataset._READ_BYTES", 1 << 15)
+    with client.dataset("HalfCheetah/medium") as dataset:
+        monkeypatch.setattr(Connection, "receive_any", watch)
+        assert_same(dataset.load(), columns)
+    assert max(under_way) == 8
+    assert (1 << 14) < max(payloads) <= 1 << 15
+
+
 def test_a_file_says_where_its_rows_come_from(tmp_path: Path) -> None:
     write_example(tmp_path / "HalfCheetah" / "partial.h5")
     with h5py.File(tmp_path / "HalfCheetah" / "partial.h5", "a") as file:
@@ -267,19 +291,23 @@ def test_a_copied_dataset_serves_the_same(example, make_copy) -> None:
 def test_a_dataset_survives_a_fork(example) -> None:
     client, _ = example
     with client.dataset("HalfCheetah/medium") as dataset:
-        wanted = dataset.sample(32, seed=5, batch=0)["rewards"].tobytes()
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            try:
-                os.write(write, next(dataset.stream(32, seed=5))["rewards"].tobytes())
-            finally:
-                os._exit(0)
-        os.close(write)
-        os.waitpid(child, 0)
-        assert os.read(read, 65536) == wanted
-        os.close(read)
+        wanted = dataset.sample(32, seed=5, batch=0)
+        assert_same(in_a_child(lambda: next(dataset.stream(32, seed=5))), wanted)
         assert len(dataset.sample(4)["rewards"]) == 4  # the parent's goes on
+
+
+def test_streams_and_episodes_go_on_on_both_sides_of_a_fork(example) -> None:
+    client, columns = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        stream, episodes = dataset.stream(32), dataset.episodes()
+        next(stream)
+        next(episodes)
+        batches = [dataset.sample(32, batch=batch) for batch in (1, 2)]
+        second = slice(EXAMPLE_EPISODE, 2 * EXAMPLE_EPISODE)
+        episode = {name: column[second] for name, column in columns.items()}
+        found = in_a_child(lambda: ([next(stream), next(stream)], next(episodes)))
+        assert_same(found, (batches, episode))
+        assert_same(([next(stream), next(stream)], next(episodes)), (batches, episode))
 
 
 def test_a_dataset_says_what_it_is(example) -> None:
@@ -289,6 +317,7 @@ def test_a_dataset_says_what_it_is(example) -> None:
             "<Dataset name='HalfCheetah/medium', environment='HalfCheetah', "
             "corruption='hidden=9+10', rows=5000, observation_size=17, action_size=6>"
         )
+        assert dataset.corruption == "hidden=9+10"
         assert "hidden=9+10" in dataset._repr_html_()
         assert "rows=5000" in repr(dataset.stats())
     (info,) = client.datasets()

@@ -46,10 +46,13 @@ def test_things_say_in_a_line_what_they_are(client: b4mrl.Client) -> None:
         )
         assert str(env) == "<Environment<b4mrl/HalfCheetah-v0>>"  # as Gymnasium's wrappers say it
         assert "gravity=2" in env._repr_html_()
+        assert (env.environment, env.simulator) == ("HalfCheetah", "gravity=2")
     with client.make_vec("Hopper", 3, autoreset_mode="disabled") as vec:
         assert "num_envs=3, autoreset_mode='disabled'" in repr(vec)
         assert "Hopper" in repr(vec)
-    assert repr(client).startswith(f"<Client endpoint='{client.endpoint}', server='")
+        assert (vec.environment, vec.simulator) == ("Hopper", "")
+    versions = f"server='{client.server}', engine='{client.engine}'"
+    assert repr(client) == f"<Client endpoint='{client.endpoint}', {versions}>"
 
 
 def test_so_do_agents_and_daemons() -> None:

@@ -45,8 +45,10 @@ def test_a_paired_stream_has_what_the_simulator_makes_of_each_row(example) -> No
 def test_pairs_do_not_depend_on_how_the_rows_are_cut(example) -> None:
     client, _ = example
     with client.dataset("HalfCheetah/medium") as whole, client.dataset("HalfCheetah/medium") as cut:
-        cut._rows_per_read = 999
-        assert_same(cut.pair({"obs-noise": 0.1}, seed=2), whole.pair("obs-noise=0.1", seed=2))
+        for rows in (999, 2500, EXAMPLE_ROWS):
+            cut._rows_per_read = rows
+            found = cut.pair({"obs-noise": 0.1}, seed=rows)
+            assert_same(found, whole.pair("obs-noise=0.1", seed=rows))
 
 
 def test_pairs_that_were_kept_in_a_folder_are_simulated_once(
@@ -61,7 +63,7 @@ def test_pairs_that_were_kept_in_a_folder_are_simulated_once(
         assert not kept["simulator_rewards"].flags.writeable
     with client.dataset("HalfCheetah/medium") as later:
         with monkeypatch.context() as patch:
-            patch.setattr(b4mrl.query, "run", None)  # any simulation would fail
+            patch.setattr(b4mrl.query, "begin", None)  # any simulation would fail
             assert_same(later.pair(simulator, seed=2, folder=tmp_path / "pairs"), wanted)
             batch = next(
                 later.stream(8, pair_with=simulator, pair_seed=2, pair_folder=tmp_path / "pairs")
@@ -86,10 +88,10 @@ def test_pairs_are_asked_for_with_the_deadline_of_their_dataset(
 
     def noted(session: object, *arguments: object, **options: object) -> object:
         deadlines.append(session.deadline_ms)
-        return run(session, *arguments, **options)
+        return begin(session, *arguments, **options)
 
-    run = b4mrl.query.run
-    monkeypatch.setattr(b4mrl.query, "run", noted)
+    begin = b4mrl.query.begin
+    monkeypatch.setattr(b4mrl.query, "begin", noted)
     for deadline_ms in (123_456, None):
         with client.dataset("HalfCheetah/medium", deadline_ms=deadline_ms) as dataset:
             dataset.pair("gravity")

@@ -8,6 +8,7 @@ import pytest
 from b4mrl import errors, query
 from b4mrl.wire import limits
 
+from conftest import in_a_child
 from equality import assert_same
 
 
@@ -86,6 +87,16 @@ def test_queries_without_a_draw_have_the_next_one_of_their_simulator(client: b4m
     wanted.append(client.query("HalfCheetah", *noisier, draw=0)[0])
     assert_same(answers, wanted)
     assert np.all(answers[0] != answers[1])
+
+
+def test_a_forked_child_does_not_repeat_the_noise_of_its_parent(client: b4mrl.Client) -> None:
+    given = *rows(client, "HalfCheetah", 3), "obs-noise=0.1"
+    for _ in range(2):
+        client.query("HalfCheetah", *given)
+    wanted = [client.query("HalfCheetah", *given, draw=draw) for draw in (2, 3)]
+    found = in_a_child(lambda: [client.query("HalfCheetah", *given) for _ in range(2)])
+    assert_same(found, wanted)
+    assert_same([client.query("HalfCheetah", *given) for _ in range(2)], wanted)
 
 
 def test_float32_rows_are_answered_in_float32(client: b4mrl.Client) -> None:

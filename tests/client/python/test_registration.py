@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import pickle
+import weakref
+
 import b4mrl
 import gymnasium as gym
 import numpy as np
@@ -21,6 +25,20 @@ def steps_until_the_end(env: gym.Env) -> int:
         ended = terminated or truncated
     assert info["cause"] == "limit"  # in the daemon's own words
     return steps
+
+
+def test_a_client_of_a_private_daemon_keeps_it() -> None:
+    client = b4mrl.connect(b4mrl.serve(workers=1))
+    daemon = weakref.ref(client._daemon)
+    gc.collect()
+    assert daemon().is_running and client.endpoint == daemon().endpoint
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=1)
+    with pickle.loads(pickle.dumps(client)) as copy:  # which knows the address alone
+        assert copy.endpoint == client.endpoint
+    del client
+    gc.collect()
+    assert daemon() is None
 
 
 @pytest.mark.parametrize("limit", [3, 1200])

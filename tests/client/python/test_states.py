@@ -215,6 +215,29 @@ def test_a_snapshot_of_another_simulator_is_refused_and_its_parts_are_not(
         np.testing.assert_array_equal(other.get_state()["qpos"], state["qpos"])
 
 
+def test_no_snapshot_is_to_be_removed_from_a_state_that_has_none(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=1)
+        with pytest.raises(errors.InvalidArgumentError) as caught:
+            env.set_state({})
+        assert "snapshot" in str(caught.value) and "remove" not in str(caught.value)
+
+
+def test_advice_about_a_snapshot_leaves_the_error_as_it_was(
+    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise errors.VersionMismatchError("snapshot of another engine", recoverable=True)
+
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=1)
+        state = env.get_state()
+        monkeypatch.setattr(env.session._operations, "call", refuse)
+        with pytest.raises(errors.VersionMismatchError, match="; remove state") as caught:
+            env.set_state(state)
+        assert caught.value.recoverable
+
+
 def test_a_state_that_is_refused_for_another_reason_keeps_its_snapshot(
     client: b4mrl.Client,
 ) -> None:

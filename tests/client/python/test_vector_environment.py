@@ -234,6 +234,26 @@ def test_returned_arrays_are_the_callers(client: b4mrl.Client) -> None:
         np.testing.assert_array_equal(rest[1], kept[1])
 
 
+def test_states_are_read_beside_as_many_sends_as_there_may_be(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 66) as vec, client.make_vec("HalfCheetah", 66) as twin:
+        vec.reset(seed=1)
+        twin.reset(seed=1)
+        actions = vec.action_space.sample()
+        for i in range(64):
+            vec.send(actions[i : i + 1], [i])
+        twin.send(actions[:64], range(64))
+        wanted = twin.recv()[0]
+        assert_same(vec.get_state([64]), twin.get_state([64]))
+        with pytest.raises(errors.LimitExceededError):
+            vec.send(actions[65:], [65])
+        assert_same(vec.get_state(), twin.get_state())  # now all of them are answered
+        assert_same(vec.get_state([64]), twin.get_state([64]))
+        for _ in range(64):
+            observations, *_, info = vec.recv()
+            assert_same(observations, wanted[info["env_id"]])
+        np.testing.assert_array_equal(vec.digests, twin.digests)
+
+
 def test_digests_that_a_caller_kept_stay_as_they_were(client: b4mrl.Client) -> None:
     with client.make_vec("HalfCheetah", 2) as vec:
         vec.reset(seed=0)

@@ -343,7 +343,10 @@ class Benchmark(Shown):
         return path
 
     def results(self, folder: str | os.PathLike[str]) -> list[Result]:
-        """The benchmark's results in `folder`, of all algorithms; a notebook shows a table."""
+        """The benchmark's results in `folder`, of all algorithms; a notebook shows a table.
+
+        A RuntimeWarning says where there is no folder, as with a misspelt name.
+        """
         return result_file.find(folder, self.name)
 
     def _scorings(self, policy: PolicyLike, episodes: int) -> dict[str, Any]:

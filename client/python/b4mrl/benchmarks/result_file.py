@@ -27,7 +27,7 @@ from b4mrl.benchmarks.folders import folder_of_results
 from b4mrl.benchmarks.seeds import hash_name
 from b4mrl.descriptions import BenchmarkInfo, DatasetInForce
 from b4mrl.display import Listing, Record
-from b4mrl.errors import DataLossError, InvalidArgumentError
+from b4mrl.errors import DataLossError, InvalidArgumentError, warn
 from b4mrl.version import __version__
 from b4mrl.wire import checks
 
@@ -99,11 +99,14 @@ def find(folder: str | os.PathLike[str], benchmark: str) -> list[Result]:
     """The results of a benchmark in `folder`, in order of names.
 
     A folder without results of its own, such as that of a runner, may have them in its subfolder
-    `results`, as for `b4mrl report`. Files that are no results of the benchmark are left out.
+    `results`, as for `b4mrl report`. Files that are no results of the benchmark are left out. A
+    RuntimeWarning says where there is no folder.
     DataLossError: a file holds no JSON, or a result of the benchmark lacks an entry or has one of
     another type; the message names both.
     """
     place = folder_of_results(checks.path("folder", folder))
+    if not place.is_dir():
+        warn(f"there is no folder {place}, and so no result")
     found: list[Result] = Listing()
     for path in sorted(place.glob("*.json")):
         try:
@@ -334,11 +337,7 @@ class Earlier(NamedTuple):
 
 
 def earlier(
-    folder: Path,
-    info: BenchmarkInfo,
-    algorithm: str,
-    seed: int,
-    dataset: DatasetInForce | None,
+    folder: Path, info: BenchmarkInfo, algorithm: str, seed: int, dataset: DatasetInForce | None
 ) -> Earlier | None:
     """The folder's result of a run; None if there is none that can be read."""
     run_id, _ = identities(info, algorithm, None if dataset is None else dataset.info.rows, seed)

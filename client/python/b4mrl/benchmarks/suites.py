@@ -10,6 +10,7 @@ from b4mrl import catalogue, errors
 from b4mrl.benchmarks import result_file
 from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.client import Client
+from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Listing
 from b4mrl.registration import connect
 from b4mrl.wire import checks
@@ -52,7 +53,7 @@ def suite(
     pattern: str = "*",
     *,
     algorithm: str | None = None,
-    version: str = "v0",
+    version: str | None = None,
     endpoint: str | None = None,
     rows: int = 0,
 ) -> list[Benchmark]:
@@ -65,24 +66,21 @@ def suite(
             digits and dashes. `b4mrl benchmark run --learner` leaves out the same, and also, as
             this function does not, benchmarks whose dataset is missing and has no recipe that can
             make it: their `dataset` raises FailedPreconditionError. None: leaves out nothing.
-        version: of the suites.
+        version: of the suites, "v0". None: all versions that the daemon has, as for the runner.
         endpoint, rows: as for `benchmark`. A dataset is made when it is first used.
 
     UnknownNameError: no benchmark fits, or none that does is defined for the algorithm.
     InvalidArgumentError: no algorithm can have the name.
     """
-    pattern, version = checks.text("pattern", pattern), checks.text("version", version)
+    pattern = checks.text("pattern", pattern)
     if algorithm is not None:
         result_file.check_name(algorithm)
     rows = checks.integer("rows", rows, 0, None)
     client: Client = connect(endpoint)
     known = client.benchmarks()
-    versions = sorted({info.suite for info in known})
-    if version not in versions:
-        raise errors.unknown_name("version of suites", version, versions, ", ".join(versions))
-    found = [
-        info for info in known if info.suite == version and fnmatch.fnmatchcase(info.name, pattern)
-    ]
+    if version is not None:
+        known = _of_version(known, version)
+    found = [info for info in known if fnmatch.fnmatchcase(info.name, pattern)]
     if not found:
         nearest = [_corrected(pattern, info.name) for info in known]
         raise errors.unknown_name("benchmark", pattern, nearest, "`b4mrl list benchmarks` has all")
@@ -94,6 +92,14 @@ def suite(
             "`b4mrl list benchmarks` says for which each is"
         )
     return Listing(Benchmark(client, info, make_rows=rows) for info in found)
+
+
+def _of_version(known: list[BenchmarkInfo], version: str) -> list[BenchmarkInfo]:
+    """Those of the suites of a version. UnknownNameError: there is none of that version."""
+    versions = sorted({info.suite for info in known})
+    if checks.text("version", version) not in versions:
+        raise errors.unknown_name("version of suites", version, versions, ", ".join(versions))
+    return [info for info in known if info.suite == version]
 
 
 def _corrected(pattern: str, name: str) -> str:

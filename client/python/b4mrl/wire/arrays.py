@@ -42,10 +42,10 @@ def dtype_of(number: int) -> np.dtype[Any]:
     return _DTYPES[number]
 
 
-def rows_that_fit(row_bytes: int) -> int:
-    """The largest number of rows, of that many bytes in all arrays, that one message can hold."""
+def rows_that_fit(row_bytes: int, payload_bytes: int = limits.MAX_PAYLOAD_BYTES) -> int:
+    """The largest number of rows, of that many bytes in all arrays, that a payload can hold."""
     padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
-    return (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
+    return (payload_bytes - padding) // row_bytes
 
 
 def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:

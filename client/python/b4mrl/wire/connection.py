@@ -6,7 +6,8 @@ passed. It sends the request again, with the same id and contents and the time t
 - after a reconnection: the process may be a replacement, which has none of the old one's requests.
   At the first reconnection, a request gets at least an eighth of its deadline, since the caller may
   not have read replies for a while;
-- when no reply to it, or to one that was sent before it, has come for an eighth of its deadline.
+- when no reply to it, or to one that was sent before it, has come for an eighth of its deadline,
+  and then for twice as long, and so on.
 
 Where nobody listens on the daemon's machine, it has ended or was never started
 (b4mrl.wire.listening). Requests are then given up after ten seconds, long enough to start the
@@ -22,7 +23,6 @@ calls raise FailedPreconditionError, too.
 from __future__ import annotations
 
 import atexit
-import contextlib
 import math
 import os
 import threading
@@ -35,7 +35,7 @@ from google.protobuf.message import DecodeError
 
 from b4mrl import errors
 from b4mrl.wire import limits, sockets
-from b4mrl.wire.deliveries import Delivery, Pending, no_reply, read_reply, tell_later_ones
+from b4mrl.wire.deliveries import Delivery, Pending, left_open, no_reply, note_reply, read_reply
 from b4mrl.wire.heads import Heads
 from b4mrl.wire.link import Link, Message
 from b4mrl.wire.listening import Listening
@@ -44,7 +44,6 @@ from b4mrl.wire.tables import Tables
 # A request's default deadline: long, so that a busy machine does not end a training of hours.
 DEADLINE_MS = 120_000
 REACH_MS = 10_000  # wait for a daemon that nobody may have started, or that has ended
-FAREWELL_MS = 500  # deadline of a session's last request, whose daemon may have ended
 _MOST_BYTES = limits.MAX_ENVELOPE_BYTES - 64  # of a request, without version, token, id, deadline
 _QUIET_SECONDS = 1.0  # a request waits for so long before anything looks for the daemon's end
 
@@ -127,16 +126,6 @@ class Connection:
         if not is_read and self._close_link.detach() is not None:
             self._link.close(linger_ms)
 
-    def farewell(self, request: Any) -> None:
-        """Sends a last request, through a door also again, and closes the connection."""
-        if self.is_usable:
-            self.abandon_all()  # makes room for one more, if as many as allowed are in flight
-            with contextlib.suppress(errors.B4mrlError):
-                request_id = self.send(request, bytearray(), FAREWELL_MS)
-                if self.transport == "door":  # whose worker may have been replaced
-                    self.receive(request_id)
-        self.close(linger_ms=FAREWELL_MS)
-
     @property
     def handshakes(self) -> int:
         """How often the connection was made; more than once if the process was replaced."""
@@ -157,7 +146,9 @@ class Connection:
         """Whether a request waits for its reply, or the reply waits to be received."""
         return request_id in self._pending or request_id in self._arrived
 
-    def send(self, request: Any, payload: bytearray, deadline_ms: float) -> int:
+    def send(
+        self, request: Any, payload: bytearray, deadline_ms: float, *, is_awaited: bool = False
+    ) -> int:
         """Sends a request and returns its id.
 
         Args:
@@ -166,6 +157,8 @@ class Connection:
             payload: the arrays' bytes; empty without arrays. The connection keeps this object, so
                 the caller must not change it.
             deadline_ms: time limit for the reply, in milliseconds.
+            is_awaited: the caller awaits the reply at once, so those that the connection keeps for
+                others do not count as requests in flight.
 
         Raises:
             LimitExceededError: too many requests are in flight.
@@ -177,8 +170,8 @@ class Connection:
         user = self.require_alone()
         self._user = user
         self._refuse_unusable()
-        if len(self._pending) + len(self._arrived) >= limits.MAX_REQUESTS_IN_FLIGHT:
-            most = limits.MAX_REQUESTS_IN_FLIGHT
+        most = limits.MAX_REQUESTS_IN_FLIGHT
+        if len(self._pending) + (0 if is_awaited else len(self._arrived)) >= most:
             raise errors.LimitExceededError(f"allowed: at most {most} requests in flight")
         envelope = request if isinstance(request, bytes) else request.SerializeToString()
         if len(envelope) > _MOST_BYTES:
@@ -248,7 +241,7 @@ class Connection:
 
     def call(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
         """Sends a request, waits for its reply and returns it. Raises the daemon's error."""
-        request_id = self.send(request, payload, deadline_ms)
+        request_id = self.send(request, payload, deadline_ms, is_awaited=True)
         try:
             return self.reply_to(request_id)
         finally:
@@ -354,15 +347,15 @@ class Connection:
             delivery = read_reply(self._tables, message)
         except DecodeError:
             return False
-        pending = self._pending.pop(delivery.request_id, None)
+        request_id, error = delivery.request_id, delivery.error
+        pending = self._pending.pop(request_id, None)
+        note_reply(self._pending, request_id)  # by a second copy of a reply, too
         if pending is None:
             return False
-        tell_later_ones(self._pending, delivery.request_id)
-        error = delivery.error
         if error is not None and error.recoverable and pending.resent:
             # The daemon refused one copy of the request; another copy may still be executed.
-            delivery.executed, delivery.unsettled = None, pending
-        self._arrived[delivery.request_id] = delivery
+            delivery = left_open(request_id, pending, error)
+        self._arrived[request_id] = delivery
         return True
 
     def _resend(self) -> None:
@@ -373,13 +366,15 @@ class Connection:
         if handshakes == 0:
             return  # all requests are still queued for the first connection
         for request_id, pending in self._pending.items():
-            is_reconnected = pending.connection < handshakes
-            if is_reconnected:
+            if pending.connection < handshakes:
                 pending.renew(now)
-            if is_reconnected or pending.resend_time <= now:
-                pending.resent = True
-                # With a full queue, the request is sent again later, or given up in the end.
-                self._transmit(request_id, pending)
+            elif pending.resend_time <= now:
+                pending.wait_longer()
+            else:
+                continue
+            pending.resent = True
+            # With a full queue, the request is sent again later, or given up in the end.
+            self._transmit(request_id, pending)
 
     def _expire(self) -> None:
         due = [i for i, each in self._pending.items() if self._end(each) <= time.monotonic()]
@@ -387,8 +382,7 @@ class Connection:
         for request_id in due:
             pending = self._pending[request_id]
             error = no_reply(pending, self.address, self.handshakes > 0, is_refused)
-            delivery = Delivery(request_id, error=error, executed=None, unsettled=pending)
-            self._arrived[request_id] = delivery
+            self._arrived[request_id] = left_open(request_id, pending, error)
             del self._pending[request_id]
 
 

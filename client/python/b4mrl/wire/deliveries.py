@@ -12,7 +12,9 @@ from b4mrl.wire.link import Message
 from b4mrl.wire.messages import Request
 from b4mrl.wire.tables import Table, Tables
 
-# A request is sent again when 1/8 of its deadline has passed without a reply to it or an earlier one.
+# A request is sent again when 1/8 of its deadline has passed without a reply to it or an earlier
+# one, then after twice as long, and so on: over a slow link a large reply may still be on its way,
+# and each copy of the request brings another reply, which takes its room.
 _PATIENCE_FRACTION = 8
 
 
@@ -25,8 +27,10 @@ class Delivery:
         table: where the reply's arrays are in `payload`; None with an error.
         payload: the bytes of the reply's arrays.
         error: the daemon's error, or one of this client; None with a reply.
-        executed: whether the daemon executed the request; None if that is not known.
-        unsettled: the request, if sending it again can tell whether it was executed.
+        executed: whether the daemon executed the request; None if that is not known, which the
+            error's `executed_unknown` says, too.
+        unsettled: the request, if sending it again can tell whether it was executed. Else nothing
+            can, and with `executed` None, the request's lanes cannot be used any more.
     """
 
     request_id: int
@@ -54,7 +58,8 @@ class Pending:
     deadline_ms: float = 0.0  # as the caller gave it
     deadline: float = 0.0
     asked: float = 0.0  # time at which the deadline was set
-    patience: float = 0.0  # seconds without such a reply after which the request is sent again
+    patience: float = 0.0  # an eighth of the deadline, in seconds
+    interval: float = 0.0  # seconds without such a reply after which the request is sent again
     connection: int = 0  # number of the connection over which it was last sent, from 1
     sent: float = 0.0  # time of the last sending; 0: send at once
     heard: float = 0.0  # time of the last reply to a request that was sent before this one
@@ -66,7 +71,7 @@ class Pending:
         self.deadline_ms = deadline_ms
         self.asked = time.monotonic()
         self.deadline = self.asked + seconds
-        self.patience = seconds / _PATIENCE_FRACTION
+        self.patience = self.interval = seconds / _PATIENCE_FRACTION
         self.renewed = False
 
     def renew(self, now: float) -> None:
@@ -75,18 +80,30 @@ class Pending:
             self.renewed = True
             self.deadline = max(self.deadline, now + self.patience)
 
+    def wait_longer(self) -> None:
+        """Doubles the interval before the next sending, unless ask_again has begun a new one."""
+        if self.sent:
+            self.interval *= 2
+
     @property
     def resend_time(self) -> float:
         """The time at which it is sent again."""
-        return max(self.sent, self.heard) + self.patience if self.sent else 0
+        return max(self.sent, self.heard) + self.interval if self.sent else 0
 
 
-def tell_later_ones(pending: dict[int, Pending], request_id: int) -> None:
-    """Notes, for the requests that were sent after `request_id`, that its reply has come.
+def left_open(request_id: int, pending: Pending, error: errors.B4mrlError) -> Delivery:
+    """The outcome of a request that may have been executed all the same, or may yet be."""
+    error.executed_unknown = True
+    return Delivery(request_id, error=error, executed=None, unsettled=pending)
 
-    Replies to later ones do not show that the server has a request.
+
+def note_reply(pending: dict[int, Pending], request_id: int) -> None:
+    """Notes, for the requests that were sent after `request_id`, that a reply to it has come.
+
+    Replies to later ones do not show that the server has a request, and a reply with the id 0 names
+    none.
     """
-    if pending:
+    if pending and request_id:
         now = time.monotonic()
         for other, entry in pending.items():
             if other > request_id:

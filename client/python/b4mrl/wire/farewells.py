@@ -19,8 +19,10 @@ from collections.abc import Callable
 from typing import Any
 
 from b4mrl import errors
-from b4mrl.wire.connection import FAREWELL_MS, Connection
+from b4mrl.wire.connection import Connection
 from b4mrl.wire.messages import Request
+
+FAREWELL_MS = 500  # deadline of a session's last request, whose daemon may have ended
 
 _open: dict[int, Connection] = {}  # connections of the open sessions, by id()
 _last_calls: list[Callable[[], object]] = []  # of call_at_the_end
@@ -31,6 +33,17 @@ def close_request() -> Any:
     request = Request()
     request.close.SetInParent()
     return request
+
+
+def say_farewell(connection: Connection) -> None:
+    """Closes a session, through a door even if its worker is replaced now, and the connection."""
+    if connection.is_usable:
+        connection.abandon_all()  # makes room for one more, if as many as allowed are in flight
+        with contextlib.suppress(errors.B4mrlError):
+            request_id = connection.send(close_request(), bytearray(), FAREWELL_MS)
+            if connection.transport == "door":  # whose worker may have been replaced
+                connection.receive(request_id)
+    connection.close(linger_ms=FAREWELL_MS)
 
 
 class Farewell:
@@ -100,7 +113,7 @@ def _leave(connections: list[Connection], deadline_ms: float) -> None:
 def _leave_in_passing(connection: Connection) -> None:
     """Closes a collected session without waiting for the daemon's reply."""
     _open.pop(id(connection), None)
-    connection.farewell(close_request())
+    say_farewell(connection)
 
 
 def _watch_the_end() -> None:

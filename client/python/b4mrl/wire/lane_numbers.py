@@ -2,9 +2,9 @@
 
 The operations (Step, Reset, Restore) of a lane (one environment of a session) are numbered from 1.
 A request carries the next number of every lane that it names, and a lane has at most one request
-under way. A refused request has changed nothing, so its numbers are used again. If no reply came,
-or an error that does not say whether the operation was executed, the lane is lost: its number may
-be taken and must not be given to another operation. Lanes are 0-based; None means all lanes.
+under way. A refused request has changed nothing, so its numbers are used again. If it is not known
+whether an operation was executed, and sending it again cannot tell, the lane is lost: its number
+may be taken and must not be given to another operation. Lanes are 0-based; None means all lanes.
 
 Thread rule: one thread at a time.
 """
@@ -102,6 +102,5 @@ def _refusal(lane: int, state: int) -> B4mrlError:
             f"lane {lane} has a sent step under way, allowed: one at a time; call recv first"
         )
     return FailedPreconditionError(
-        f"the state of lane {lane} is unknown since a request about it was not answered; "
-        "make the environment anew"
+        f"the state of lane {lane} is unknown since an earlier error; make the environment anew"
     )

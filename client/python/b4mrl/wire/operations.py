@@ -2,8 +2,8 @@
 
 KeyboardInterrupt, or another exception of a signal handler, may come between any two lines of this
 module. An operation whose call was interrupted is kept with its outcome, and so is an operation
-that got no reply within its deadline. The next call about its lanes first finds out whether the
-daemon executed it:
+whose outcome an error leaves open, as where no reply came within the deadline. The next call about
+its lanes first finds out whether the daemon executed it:
 
 - a call of the same kind with the same lanes and arrays returns the kept outcome, so that an
   interrupted call and its repetition have the effect of one call;
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from b4mrl import errors
-from b4mrl.wire import plans
+from b4mrl.wire import limits, plans
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
@@ -48,7 +48,9 @@ class _Operation:
     payload: bytearray
     prepared: Any
     read: Read[Any]  # of the call that began it
-    is_interrupted: bool = True  # no call waits for its outcome, or Ctrl-C would end that call
+    # No call waits for its outcome, or Ctrl-C would end that call, or it got no answer in time.
+    is_interrupted: bool = True
+    is_sent: bool = False  # by `send_step`, so that `receive_step` returns its outcome
 
 
 class Operations:
@@ -108,24 +110,31 @@ class Operations:
         try:
             self._inside = user
             request_id = self._begin("step", lanes, columns, deadline_ms, prepare, read)
-            self._under_way[request_id].is_interrupted = False
+            operation = self._under_way[request_id]
+            operation.is_sent = True
+            operation.is_interrupted = False
         finally:
             self._inside = 0
 
-    def receive_step(self, read: Read[T]) -> T:
+    def receive_step(self, deadline_ms: float, read: Read[T]) -> T:
         """The second half of a step: `read` of the sent step that is answered first.
 
-        An error of the daemon has the step's lanes in `env_ids`.
+        An error has the step's lanes in `env_ids`. A step that got no answer in time is still to be
+        received: the next call asks the daemon again, for up to `deadline_ms`.
         """
         user = self._require_alone()
         try:
             self._inside = user
-            steps = [each for each, it in self._under_way.items() if not it.is_interrupted]
-            if not steps:
+            sent = [each for each, it in self._under_way.items() if it.is_sent]
+            if not sent:
                 raise errors.FailedPreconditionError(
                     "there is no sent step to receive; call send first"
                 )
-            delivery = self._connection.await_any(steps)
+            for request_id in sent:
+                if self._under_way[request_id].is_interrupted:
+                    self._connection.ask_again(request_id, deadline_ms)
+                    self._under_way[request_id].is_interrupted = False
+            delivery = self._connection.await_any(sent)
             if delivery.error is not None:
                 lanes = self._under_way[delivery.request_id].lanes
                 delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
@@ -148,8 +157,11 @@ class Operations:
         try:
             self._inside = user
             self._await_operations(lanes, deadline_ms)
+            if len(self._under_way) >= limits.MAX_REQUESTS_IN_FLIGHT:
+                self._connection.await_any(self._under_way)  # so that the daemon takes one more
             self._reading = self._connection.next_id
-            return self._connection.reply_to(self._connection.send(request, payload, deadline_ms))
+            sent = self._connection.send(request, payload, deadline_ms, is_awaited=True)
+            return self._connection.reply_to(sent)
         finally:
             self._inside = 0
 
@@ -193,6 +205,7 @@ class Operations:
             self._connection.ask_again(request_id, deadline_ms)
         delivery = self._connection.await_any((request_id,))
         if delivery.error is not None and delivery.unsettled is not None:
+            self._under_way[request_id].is_interrupted = True
             raise delivery.error
         return delivery
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from typing import Any, TypeVar
@@ -66,7 +67,8 @@ class Resumed(Iterator[T]):
     A generator that has raised, be it by a deadline or by Ctrl-C, only ever raises StopIteration
     afterwards, which its reader takes for the end. After an exception, the next call of this
     iterator goes on with the item whose call has failed. Otherwise it is used like a generator:
-    `close` or its collection drops what is under way.
+    `close` or its collection drops what is under way. A forked child, which cannot receive what its
+    parent has sent, goes on with the item that its parent would get next.
 
     Args:
         begin: makes a generator of the items from a position on, each with the position behind it.
@@ -80,6 +82,7 @@ class Resumed(Iterator[T]):
         self._begin = begin
         self._position = position
         self._items: Generator[tuple[T, int], None, None] | None = None
+        self._process_id = os.getpid()  # that has begun `_items`
         self._is_closed = False
 
     def __next__(self) -> T:
@@ -87,8 +90,8 @@ class Resumed(Iterator[T]):
             raise StopIteration
         # Wherever an exception comes, the generator is not put back, and the next call begins anew.
         items, self._items = self._items, None
-        if items is None:
-            items = self._begin(self._position)
+        if items is None or self._process_id != os.getpid():
+            items, self._process_id = self._begin(self._position), os.getpid()
         item, position = next(items)
         self._position, self._items = position, items
         return item

@@ -3,8 +3,9 @@
 This is the layer under `Environment` and `VectorEnvironment`: requests and replies as arrays, with
 every step executed exactly once. Shapes: n lanes, observations (n, observation size), actions
 (n, action size). `lanes` is an array of lane numbers, or None for all lanes in order. A refused
-request has changed nothing. After an error whose `executed_unknown` is set, the lanes of the
-request cannot be used any more.
+request has changed nothing. After an error whose `executed_unknown` is set, it may have been
+executed: where no reply came, or a copy of it was refused for the moment, the same call again
+settles that; otherwise the lanes of the request cannot be used any more.
 
 Thread rule: one thread at a time.
 """
@@ -152,10 +153,13 @@ class Session:
     def receive_step(self, read: Callable[[StepOutcome], T]) -> T:
         """The second half of step: `read` of the sent step that is answered first.
 
-        An error of the daemon has the step's lanes in `env_ids`.
+        An error has the step's lanes in `env_ids`. A step that got no answer in time is still to be
+        received: the next call asks the daemon again.
         """
         result: T = self._while_open(
-            self._operations.receive_step, lambda *it: read(self._step_outcome(*it))
+            self._operations.receive_step,
+            self.deadline_ms,
+            lambda *it: read(self._step_outcome(*it)),
         )
         return result
 
@@ -193,10 +197,11 @@ class Session:
                 lambda it, *_: read(self._reader.observations(it.arrays, count)),
             )
         except (errors.VersionMismatchError, errors.InvalidArgumentError) as error:
-            if "snapshot" not in str(error):
+            if "snapshot" not in parts or "snapshot" not in str(error):
                 raise
             raise type(error)(
-                f"{error}; remove state['snapshot'] to set its readable parts alone"
+                f"{error}; remove state['snapshot'] to set its readable parts alone",
+                recoverable=error.recoverable,
             ) from None
 
     def render(

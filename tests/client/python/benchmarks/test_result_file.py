@@ -54,6 +54,17 @@ def test_the_names_are_those_that_the_runner_gives(client: b4mrl.Client) -> None
     assert hash_name("foobar") == 0x85944171F73967E8  # published with FNV-1a
 
 
+def test_a_folder_that_is_not_there_is_told_and_has_no_result(
+    client: b4mrl.Client, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    bench = client.benchmark(CLEAN)
+    assert bench.results(tmp_path) == []
+    assert not recwarn
+    with pytest.warns(RuntimeWarning, match=f"there is no folder {tmp_path}/missing") as caught:
+        assert bench.results(tmp_path / "missing") == []
+    assert caught[0].filename == __file__
+
+
 def test_the_own_algorithms_are_those_of_the_program() -> None:
     tools = Path(find_server()[0]).with_name("b4mrl-tools")
     done = subprocess.run([tools, "list", "algorithms", "--json"], capture_output=True, check=True)

@@ -61,8 +61,33 @@ def test_what_no_benchmark_fits_is_refused_with_the_nearest_name(own: b4mrl.Clie
 @pytest.mark.parametrize("value", [None, 3, [], b"a", ["HalfCheetah/*"]])
 def test_patterns_and_versions_of_suites_are_texts(endpoint: str, value: object) -> None:
     for name in ("pattern", "version"):
+        if (name, value) == ("version", None):  # all versions
+            continue
         with pytest.raises(errors.InvalidArgumentError, match=f"{name} is .*allowed: a text"):
             b4mrl.suite(endpoint=endpoint, **{name: value})
+
+
+def test_a_suite_of_the_users_own_is_found_whatever_its_version(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(
+        """
+        version = "mine"
+        environment = "HalfCheetah"
+
+        [[challenge]]
+        name = "mine"
+        simulators = ["gravity"]
+        """
+    )
+    with b4mrl.serve(workers=1, arguments=["--suites", tmp_path]) as endpoint:
+        for version in (None, "mine"):
+            (bench,) = b4mrl.suite("*/mine/*", version=version, endpoint=endpoint)
+            assert bench.info.suite == "mine"
+        versions = {bench.info.suite for bench in b4mrl.suite(endpoint=endpoint)}
+        assert versions == {"v0", "mine"}
+        assert {it.info.suite for it in b4mrl.suite(version="v0", endpoint=endpoint)} == {"v0"}
+        with pytest.raises(errors.UnknownNameError) as caught:
+            b4mrl.suite(bench.name, version="v0", endpoint=endpoint)
+        assert f"did you mean {bench.name!r}" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["B4MRL_SEED", "B4MRL_UPDATES", "B4MRL_LEDGER"])

@@ -144,6 +144,51 @@ def test_a_lost_request_is_sent_again_though_later_ones_are_answered(start, conn
     assert connection.receive(request_id).error is None
 
 
+def test_each_wait_before_it_asks_again_is_twice_as_long(start, connect) -> None:
+    server = start(lambda request, count: [done(request)] if request.hello.client else [])
+    connection = connect(server)
+    connection.call(hello(), bytearray(), 60_000)
+    silent = Request()
+    silent.hello.SetInParent()
+    request_id = connection.send(silent, bytearray(), 800)
+    for asked in range(1, 3):
+        assert isinstance(connection.await_any((request_id,)).error, TimeoutError)
+        # Sent at once, and when an eighth, three and seven eighths of the deadline are over. A
+        # machine that stalls the test delays copies, but makes no more of them.
+        assert 2 * asked <= len(server.requests[1:]) <= 4 * asked
+        connection.ask_again(request_id, 800)
+
+
+def test_a_second_copy_of_a_reply_shows_that_later_ones_are_on_their_way(start, connect) -> None:
+    """As where the first copies of large replies are still to be carried over a slow link."""
+    answered: list[Request] = []
+    held: list[Request] = []
+
+    def answer(request: Request, count: int) -> list[Reply]:
+        if request.hello.client == "held":
+            held.append(request)
+            return []
+        answered.append(request)
+        return [done(request), done(answered[0])]
+
+    connection = connect(start(answer))
+    connection.call(hello(), bytearray(), 600_000)
+    request = hello()
+    request.hello.client = "held"
+    deadline_ms = 4000
+    patience = deadline_ms / 8 / 1000
+    started = heard = time.monotonic()
+    connection.send(request, bytearray(), deadline_ms)
+    longest_gap = 0.0
+    while time.monotonic() < started + 2.5 * patience:
+        connection.call(hello(), bytearray(), 600_000)  # the reply to a later one does not count
+        longest_gap = max(longest_gap, time.monotonic() - heard)
+        heard = time.monotonic()
+    # On a machine that stalls the test for that long, the silence was real.
+    if longest_gap < patience:
+        assert len(held) == 1
+
+
 def test_a_reconnection_makes_it_ask_again(start, connect) -> None:
     server = start(lambda request, count: [])
     connection = connect(server)
@@ -202,7 +247,7 @@ def test_no_answer_leaves_open_what_was_executed(start, connect) -> None:
     connection.call(hello(), bytearray(), 20_000)
     delivery = connection.receive(connection.send(hello(), bytearray(), 200))
     assert isinstance(delivery.error, errors.DeadlineExceededError)
-    assert delivery.executed is None
+    assert delivery.executed is None and delivery.error.executed_unknown
     for part in ("hello", connection.address, "0.2 s", "deadline_ms"):
         assert part in str(delivery.error)
 
@@ -256,6 +301,7 @@ def test_a_refusal_is_its_exception_and_says_what_was_executed(
     delivery = connection.receive(connection.send(hello(), bytearray(), 5000))
     assert type(delivery.error) is kind
     assert delivery.executed is executed
+    assert delivery.error.executed_unknown == (executed is None)
 
 
 def test_a_passing_refusal_of_one_copy_leaves_the_other_open(start, connect) -> None:
@@ -265,7 +311,8 @@ def test_a_passing_refusal_of_one_copy_leaves_the_other_open(start, connect) -> 
     connection = connect(server)
     delivery = connection.receive(connection.send(hello(), bytearray(), 8000))
     assert isinstance(delivery.error, errors.BusyError)
-    assert delivery.executed is None
+    assert delivery.executed is None and delivery.error.executed_unknown
+    assert not errors.BusyError("of a request that was sent once").executed_unknown
 
 
 def test_noise_is_not_taken_for_an_answer(start, connect) -> None:
@@ -299,8 +346,20 @@ def test_requests_in_flight_are_bounded(start, connect) -> None:
     connection = connect(start(lambda request, count: []))
     for _ in range(64):
         connection.send(hello(), bytearray(), 60_000)
+    for is_awaited in (False, True):
+        with pytest.raises(errors.LimitExceededError):
+            connection.send(hello(), bytearray(), 60_000, is_awaited=is_awaited)
+
+
+def test_replies_that_are_kept_for_others_leave_room_for_a_call(start, connect) -> None:
+    connection = connect(start(lambda request, count: [done(request)]))
+    ids = [connection.send(hello(), bytearray(), 60_000) for _ in range(64)]
+    for request_id in ids:
+        connection.await_any((request_id,))  # and keeps it
     with pytest.raises(errors.LimitExceededError):
         connection.send(hello(), bytearray(), 60_000)
+    connection.call(hello(), bytearray(), 60_000)
+    assert all(connection.receive(each).error is None for each in ids)
 
 
 def test_an_endless_envelope_is_refused_here(start, connect) -> None:

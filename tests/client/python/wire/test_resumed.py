@@ -217,7 +217,7 @@ def test_episodes_go_on_with_the_one_that_was_kept_back(
 ) -> None:
     monkeypatch.setattr(
         dataset, "_rows_per_read", 37
-    )  # episodes lie across several replies, of which two are under way
+    )  # episodes lie across several replies, of which eight are under way
     whole = dataset.load()
     episodes = dataset.episodes()
     for number in range(EXAMPLE_ROWS // EXAMPLE_EPISODE):
