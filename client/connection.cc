@@ -237,17 +237,14 @@ bool Connection::Accept(Message message) {
   if (id == 0 && envelope.status().code() != 0 && pending_.size() == 1) id = pending_.front().id;
   const auto pending = std::find_if(pending_.begin(), pending_.end(),
                                     [id](const Pending& entry) { return entry.id == id; });
-  if (pending == pending_.end()) {  // answered already, or given up
-    NoteReply(id);
-    return false;
-  }
+  NoteReply(id);
+  if (pending == pending_.end()) return false;  // answered already, or given up
   Delivery delivery = Read(id, std::move(envelope), std::move(message.payload));
   // The server refused one copy of the request; another copy may still be executed.
   const bool passing = delivery.kind == Delivery::Kind::kRefused &&
                        delivery.reply.status().recoverable() && pending->resent;
   if (passing) delivery.kind = Delivery::Kind::kNoAnswer;
   pending_.erase(pending);
-  NoteReply(id);
   arrived_.push_back(std::move(delivery));
   return true;
 }

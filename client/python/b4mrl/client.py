@@ -19,7 +19,7 @@ from b4mrl.environment import Environment
 from b4mrl.hosted import shown
 from b4mrl.opening import Opening, dataset_request, open_dataset, open_session, plain
 from b4mrl.origin import Origin
-from b4mrl.query import Draws, PendingQuery, QuerySessions, Rows
+from b4mrl.query import PendingQuery, QuerySessions, Rows
 from b4mrl.serve import PrivateDaemon
 from b4mrl.simulators import Simulator
 from b4mrl.spec import EnvironmentSpec, spec_of
@@ -65,8 +65,9 @@ class Client(Shown):
         self._daemon = endpoint  # a private one ends when nothing refers to it any more
         self.deadline_ms = checks.deadline_ms(deadline_ms, DEADLINE_MS)
         self._asked_deadline_ms = deadline_ms
-        self._draws = Draws()
         self._connect()
+        self._routes = Routes(self.endpoint, self.hello.capabilities)
+        self._query_sessions = QuerySessions(self.endpoint, self._routes, self.deadline_ms)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Client, (self.endpoint, self._asked_deadline_ms))
@@ -78,9 +79,6 @@ class Client(Shown):
         reach_ms = checks.deadline_ms(self._asked_deadline_ms, REACH_MS)
         self._gateway, self.hello = greet(self.endpoint, _CLIENT_NAME, reach_ms, self.deadline_ms)
         self.server, self.engine = self.hello.server_version, self.hello.engine_version
-        self._routes = Routes(self.endpoint, self.hello.capabilities)
-        places = self.endpoint, self._routes
-        self._query_sessions = QuerySessions(*places, self.deadline_ms, self._draws)
 
     def _leave_parent(self) -> None:
         """Connects anew in a forked child, which cannot use its parent's connections."""

@@ -222,8 +222,8 @@ class Dataset(Shown):
         Args:
             rows: rows of each batch.
             seed: seed of the random choice, such as bench.seed. None: `default_seed`.
-            credits: number of batches requested ahead, so that the next one has usually arrived
-                when it is needed. All streams of a dataset together have at most 64 under way.
+            credits: number of batches requested ahead, so that the next has arrived when it is
+                needed. A dataset's streams and long reads, of up to 8, have at most 64 under way.
             pair_with: a simulator, written as in Client.make. Each batch then also has that
                 simulator's columns for its rows: see pair, which this calls before it returns.
             pair_seed: seed of the simulator's noise.

@@ -29,7 +29,6 @@ from b4mrl.wire.session import QueryAnswer, Session
 # are done within their deadline even if a row takes milliseconds.
 _REQUESTS_IN_FLIGHT = 6
 _ROWS_AT_ONCE = min(1024, limits.MAX_QUERY_ROWS)
-Draws = Counter[tuple[str, str, str]]  # number of a simulator's queries without a draw of their own
 _MAX_SESSIONS = 16  # kept open for further queries; the least recently used is closed first
 
 
@@ -180,13 +179,12 @@ class QuerySessions:
     Args:
         endpoint, routes: of the daemon.
         deadline_ms: time limit of each request, in milliseconds.
-        draws: the next draw of each simulator; not owned.
     """
 
-    def __init__(self, endpoint: str, routes: Routes, deadline_ms: float, draws: Draws) -> None:
+    def __init__(self, endpoint: str, routes: Routes, deadline_ms: float) -> None:
         self._open = functools.partial(open_session, endpoint, routes, deadline_ms=deadline_ms)
         self._sessions: OrderedDict[tuple[str | int | None, ...], Session] = OrderedDict()
-        self._draws = draws
+        self._draws: Counter[tuple[str, str, str]] = Counter()
         self._is_closed = False
 
     def find(self, opening: Opening) -> Session:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 
@@ -17,6 +17,8 @@ from b4mrl.environment import Environment
 from b4mrl.hosted import RENDER_MODES
 from b4mrl.serve import PrivateDaemon, default_endpoint
 from b4mrl.vector_environment import VectorEnvironment
+
+T = TypeVar("T")
 
 _KNOWN = ("HalfCheetah", "Hopper", "Walker2d", "Humanoid", "Highway")
 
@@ -76,10 +78,10 @@ def connect(
         UnavailableError: no daemon answers at `endpoint`.
         VersionMismatchError: the daemon speaks another version of the protocol.
     """
-    return Client(default_endpoint() if endpoint is None else endpoint, deadline_ms)
+    return Client(_endpoint(endpoint), deadline_ms)
 
 
-def _endpoint(named: str | None) -> str:
+def _endpoint(named: T | None) -> T | str:
     return default_endpoint() if named is None else named
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import pickle
 import re
 import signal
 import subprocess
@@ -21,7 +20,7 @@ from b4mrl import errors
 from b4mrl.serve import find_server
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
-from conftest import environment_workers
+from conftest import environment_workers, in_a_child
 from equality import assert_same
 
 
@@ -271,23 +270,14 @@ def test_an_environment_does_not_cross_a_fork(client: b4mrl.Client, sent: str) -
         vec.reset(seed=1)
         if sent == "in the parent":
             vec.send(np.zeros((2, 6)))
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            try:
-                if sent == "in the child":
-                    vec.send(np.zeros((2, 6)))
-                vec.recv()
-                os.write(write, b"stepped")
-            except BaseException as error:
-                os.write(write, pickle.dumps(error))
-            os._exit(0)
-        os.waitpid(child, 0)
-        error = pickle.loads(os.read(read, 65536))
-        os.close(read)
-        os.close(write)
-        assert isinstance(error, errors.FailedPreconditionError)
-        assert "before a fork" in str(error)
+
+        def use() -> None:
+            if sent == "in the child":
+                vec.send(np.zeros((2, 6)))
+            vec.recv()
+
+        with pytest.raises(errors.FailedPreconditionError, match="before a fork"):
+            in_a_child(use)
         if sent == "in the parent":
             vec.recv()
         vec.step(np.zeros((2, 6)))  # the parent's go on

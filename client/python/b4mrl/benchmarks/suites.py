@@ -73,6 +73,8 @@ def suite(
     InvalidArgumentError: no algorithm can have the name.
     """
     pattern = checks.text("pattern", pattern)
+    if version is not None:
+        checks.text("version", version)
     if algorithm is not None:
         result_file.check_name(algorithm)
     rows = checks.integer("rows", rows, 0, None)
@@ -97,7 +99,7 @@ def suite(
 def _of_version(known: list[BenchmarkInfo], version: str) -> list[BenchmarkInfo]:
     """Those of the suites of a version. UnknownNameError: there is none of that version."""
     versions = sorted({info.suite for info in known})
-    if checks.text("version", version) not in versions:
+    if version not in versions:
         raise errors.unknown_name("version of suites", version, versions, ", ".join(versions))
     return [info for info in known if info.suite == version]
 

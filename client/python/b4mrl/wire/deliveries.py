@@ -27,8 +27,6 @@ class Delivery:
         table: where the reply's arrays are in `payload`; None with an error.
         payload: the bytes of the reply's arrays.
         error: the daemon's error, or one of this client; None with a reply.
-        executed: whether the daemon executed the request; None if that is not known, which the
-            error's `executed_unknown` says, too.
         unsettled: the request, if sending it again can tell whether it was executed. Else nothing
             can, and with `executed` None, the request's lanes cannot be used any more.
     """
@@ -38,8 +36,14 @@ class Delivery:
     table: Table | None = None
     payload: bytearray | None = None
     error: errors.B4mrlError | None = None
-    executed: bool | None = True
     unsettled: Pending | None = None
+
+    @property
+    def executed(self) -> bool | None:
+        """Whether the daemon executed the request; None if that is not known."""
+        if self.error is None:
+            return True
+        return None if self.error.executed_unknown else False
 
     @property
     def arrays(self) -> dict[str, Array]:
@@ -94,7 +98,7 @@ class Pending:
 def left_open(request_id: int, pending: Pending, error: errors.B4mrlError) -> Delivery:
     """The outcome of a request that may have been executed all the same, or may yet be."""
     error.executed_unknown = True
-    return Delivery(request_id, error=error, executed=None, unsettled=pending)
+    return Delivery(request_id, error=error, unsettled=pending)
 
 
 def note_reply(pending: dict[int, Pending], request_id: int) -> None:
@@ -145,10 +149,9 @@ def read_reply(tables: Tables, message: Message) -> Delivery:
     request_id, status = reply.request_id, reply.status
     if status.code != 0:
         error = errors.error_of(status.code, status.message, status.recoverable)
-        executed = None if error.executed_unknown else False
-        return Delivery(request_id, error=error, executed=executed)
+        return Delivery(request_id, error=error)
     try:
         table = table or tables.learn(envelope, reply, payload)
     except errors.InternalError as error:
-        return Delivery(request_id, error=error, executed=None)
+        return Delivery(request_id, error=error)
     return Delivery(request_id, reply, table, payload)

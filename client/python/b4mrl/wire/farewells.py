@@ -29,7 +29,7 @@ _last_calls: list[Callable[[], object]] = []  # of call_at_the_end
 _watched_process = 0  # id of the process in which _watch_the_end was called
 
 
-def close_request() -> Any:
+def _close_request() -> Any:
     request = Request()
     request.close.SetInParent()
     return request
@@ -40,7 +40,7 @@ def say_farewell(connection: Connection) -> None:
     if connection.is_usable:
         connection.abandon_all()  # makes room for one more, if as many as allowed are in flight
         with contextlib.suppress(errors.B4mrlError):
-            request_id = connection.send(close_request(), bytearray(), FAREWELL_MS)
+            request_id = connection.send(_close_request(), bytearray(), FAREWELL_MS)
             if connection.transport == "door":  # whose worker may have been replaced
                 connection.receive(request_id)
     connection.close(linger_ms=FAREWELL_MS)
@@ -100,7 +100,7 @@ def _leave(connections: list[Connection], deadline_ms: float) -> None:
             connection.abandon_all()  # makes room for one more, if as many as allowed are in flight
             with contextlib.suppress(errors.B4mrlError):
                 asked.append(
-                    (connection, connection.send(close_request(), bytearray(), deadline_ms))
+                    (connection, connection.send(_close_request(), bytearray(), deadline_ms))
                 )
         for connection, request_id in asked:
             with contextlib.suppress(errors.B4mrlError):

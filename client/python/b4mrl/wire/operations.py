@@ -125,18 +125,18 @@ class Operations:
         user = self._require_alone()
         try:
             self._inside = user
-            sent = [each for each, it in self._under_way.items() if it.is_sent]
+            sent = {each: it for each, it in self._under_way.items() if it.is_sent}
             if not sent:
                 raise errors.FailedPreconditionError(
                     "there is no sent step to receive; call send first"
                 )
-            for request_id in sent:
-                if self._under_way[request_id].is_interrupted:
+            for request_id, operation in sent.items():
+                if operation.is_interrupted:
                     self._connection.ask_again(request_id, deadline_ms)
-                    self._under_way[request_id].is_interrupted = False
+                    operation.is_interrupted = False
             delivery = self._connection.await_any(sent)
             if delivery.error is not None:
-                lanes = self._under_way[delivery.request_id].lanes
+                lanes = sent[delivery.request_id].lanes
                 delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
             return self._take(delivery, read)
         finally:
@@ -219,7 +219,7 @@ class Operations:
         """
         for request_id in self._interrupted():
             if not self._connection.is_in_flight(request_id):
-                self._end(Delivery(request_id, executed=False))
+                self._end(request_id, False)
 
     def _begin(
         self,
@@ -252,7 +252,7 @@ class Operations:
         try:
             self._connection.send(operation.envelope, operation.payload, deadline_ms)
         except errors.B4mrlError:
-            self._end(Delivery(request_id, executed=False))
+            self._end(request_id, False)
             raise
         return request_id
 
@@ -277,7 +277,7 @@ class Operations:
                 continue
             delivery = self._settle(request_id, deadline_ms)
             if delivery.error is not None:
-                self._end(delivery)
+                self._end(delivery.request_id, delivery.executed)
             else:
                 self._take(delivery, operation.read)
             if kind == "step" and delivery.executed:
@@ -292,20 +292,19 @@ class Operations:
         if delivery.error is not None:
             operation.is_interrupted = True
             if delivery.unsettled is None:
-                self._end(delivery)
+                self._end(delivery.request_id, delivery.executed)
             raise delivery.error
         try:
             result = read(delivery, operation.lanes, operation.prepared)
         except errors.B4mrlError:
-            self._end(delivery)
+            self._end(delivery.request_id, delivery.executed)
             raise
-        self._end(delivery)
+        self._end(delivery.request_id, delivery.executed)
         return result
 
-    def _end(self, delivery: Delivery) -> None:
-        request_id = delivery.request_id
+    def _end(self, request_id: int, executed: bool | None) -> None:
         operation = self._under_way[request_id]
-        self._numbers.end(operation.lanes, operation.numbers, delivery.executed)
+        self._numbers.end(operation.lanes, operation.numbers, executed)
         del self._under_way[request_id]
         self._connection.abandon(request_id)
 

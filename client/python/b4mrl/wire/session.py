@@ -197,12 +197,10 @@ class Session:
                 lambda it, *_: read(self._reader.observations(it.arrays, count)),
             )
         except (errors.VersionMismatchError, errors.InvalidArgumentError) as error:
-            if "snapshot" not in parts or "snapshot" not in str(error):
-                raise
-            raise type(error)(
-                f"{error}; remove state['snapshot'] to set its readable parts alone",
-                recoverable=error.recoverable,
-            ) from None
+            if "snapshot" in parts and "snapshot" in str(error):
+                advice = "remove state['snapshot'] to set its readable parts alone"
+                error.args = (f"{error}; {advice}",)
+            raise
 
     def render(
         self, width: int = 0, height: int = 0, lanes: Lanes | None = None

@@ -17,6 +17,7 @@ import pytest
 from b4mrl import errors
 from b4mrl.wire.connection import Connection
 
+from conftest import in_a_child
 from equality import assert_same
 
 CLOSED = "^the environment is closed$"
@@ -165,18 +166,6 @@ def test_a_handler_may_ring_while_the_call_under_it_does(client: b4mrl.Client) -
         door._fence.release()
 
 
-def exit_status(call: Callable[[], bool]) -> int:
-    """0 if a forked child finds that `call()` is true."""
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            status = 0 if call() else 2
-        finally:
-            os._exit(status)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
 def test_a_child_that_was_forked_while_another_thread_was_in_a_call_may_close_its_copy(
     client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,7 +193,7 @@ def test_a_child_that_was_forked_while_another_thread_was_in_a_call_may_close_it
                 env.step(np.zeros(3))
             return True
 
-        assert exit_status(refuse_and_close) == 0
+        assert in_a_child(refuse_and_close)
         may_go_on.set()
         thread.join()
         assert len(results) == 1
@@ -219,7 +208,7 @@ def test_a_forked_child_asks_for_itself_what_its_parent_has_sent(client: b4mrl.C
     def has_the_answer() -> bool:
         return bool(np.array_equal(pending.result()[0], wanted[0]))
 
-    assert exit_status(has_the_answer) == 0
+    assert in_a_child(has_the_answer)
     assert has_the_answer()
 
 

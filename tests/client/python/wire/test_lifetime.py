@@ -19,6 +19,7 @@ from b4mrl import errors
 from b4mrl.wire import sockets
 from b4mrl.wire.connection import Connection
 
+from conftest import in_a_child
 from interrupting import interrupt
 from waiting import await_true, descriptor_count
 
@@ -156,18 +157,15 @@ def test_what_is_collected_leaves_nothing_behind(own_client: b4mrl.Client) -> No
 
 def test_a_forked_child_is_warned_of_no_socket_of_its_parents(client: b4mrl.Client) -> None:
     client.environments()
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                client.environments()  # connects anew
-                gc.collect()
-            status = 2 if any(w.category is ResourceWarning for w in caught) else 0
-        finally:
-            os._exit(status)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+    def resource_warnings() -> list[str]:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            client.environments()  # connects anew
+            gc.collect()
+        return [str(w.message) for w in caught if w.category is ResourceWarning]
+
+    assert in_a_child(resource_warnings) == []
 
 
 def test_gymnasiums_makers_leave_no_socket_open(endpoint: str) -> None:
