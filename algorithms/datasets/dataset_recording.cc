@@ -22,8 +22,9 @@ namespace {
 // The recording of one order: the file under way and what it is made of.
 class Session {
  public:
-  Session(const RecordingOrder& order, Client& client, bool quiet)
-      : order_(order), client_(client), progress_(quiet) {}
+  Session(const RecordingOrder& order, const EnvironmentSpec& environment, Client& client,
+          bool quiet)
+      : order_(order), environment_(environment), client_(client), progress_(quiet) {}
 
   Result<Recording> Run(const std::string& path);
 
@@ -38,15 +39,14 @@ class Session {
   Status WriteMetadata();
 
   const RecordingOrder& order_;
+  const EnvironmentSpec& environment_;
   Client& client_;
   Progress progress_;
-  EnvironmentSpec environment_;
   std::optional<Recorder> recorder_;
   Recording recording_;
 };
 
 Result<Recording> Session::Run(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(environment_, client_.FindEnvironment(order_.environment));
   const bool is_replay = order_.kind == RecipeKind::kReplay;
   B4MRL_RETURN_IF_ERROR(Describe(is_replay ? order_.log->simulator : order_.simulator));
   DatasetWriterOptions options;
@@ -195,9 +195,9 @@ Status CheckAgents(const RecordingOrder& order, const EnvironmentSpec& environme
   return Status();
 }
 
-Result<Recording> Record(const RecordingOrder& order, const std::string& path, Client& client,
-                         bool quiet) {
-  return Session(order, client, quiet).Run(path);
+Result<Recording> Record(const RecordingOrder& order, const EnvironmentSpec& environment,
+                         const std::string& path, Client& client, bool quiet) {
+  return Session(order, environment, client, quiet).Run(path);
 }
 
 }  // namespace b4mrl

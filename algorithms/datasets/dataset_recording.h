@@ -52,10 +52,11 @@ struct Recording {
 // The licence of all data that is made: Creative Commons Attribution 4.0.
 inline constexpr char kDataLicence[] = "CC-BY-4.0";
 
-// Writes the file at `path`, complete or not at all, by an order whose files have been read. Equal
-// orders give equal bytes, whatever the daemon's numbers of workers and threads and the processor.
-// Errors: those of CheckAgents, Collect and ReplayActions, and of writing.
-Result<Recording> Record(const RecordingOrder& order, const std::string& path, Client& client,
-                         bool quiet);
+// Writes the file at `path`, complete or not at all, by an order whose files have been read and
+// whose environment is `environment`. Equal orders give equal bytes, whatever the daemon's numbers
+// of workers and threads and the processor. Errors: those of CheckAgents, Collect and
+// ReplayActions, and of writing.
+Result<Recording> Record(const RecordingOrder& order, const EnvironmentSpec& environment,
+                         const std::string& path, Client& client, bool quiet);
 
 }  // namespace b4mrl

@@ -126,12 +126,6 @@ Status MakeCommand::ApplyOptions(RecordingOrder& order) const {
     order.seed = *seed;
     order.command += fmt::format(" --seed {}", *seed);
   }
-  for (const std::string& file : order.files) {
-    if (std::error_code error; !std::filesystem::exists(file, error)) {
-      return Status(StatusCode::kIoError,
-                    fmt::format("cannot open {}, by which {} is recorded", file, order.name));
-    }
-  }
   return Status();
 }
 
@@ -216,7 +210,7 @@ std::optional<Failure> MakeCommand::MakeOne(const RecordingOrder& order,
     return BadInput(std::move(status));
   }
   const std::string& path = destination.path();
-  const auto made = Record(order, path, destination.client(), quiet);
+  const auto made = Record(order, *recorded_in, path, destination.client(), quiet);
   // Such a file was not there when the recording began.
   std::error_code unknown;  // what cannot be looked at has not appeared
   const bool appeared = !replace && std::filesystem::exists(path, unknown);

@@ -142,8 +142,9 @@ std::optional<Failure> VerifyCommand::States(const DatasetFileReader& reader,
   if (task.empty()) {
     return BadUsage(InvalidArgument("--environment", "", "the environment of the file's rows"));
   }
-  if (const auto known = client.FindEnvironment(task); !known.ok()) {
-    return FromDaemon(known.status());
+  if (!environment.empty()) {  // else the file names it
+    const auto known = client.FindEnvironment(task);
+    if (!known.ok()) return FromDaemon(known.status());
   }
   Progress progress(quiet);
   const auto compared = CompareStates(reader, task, client, progress);

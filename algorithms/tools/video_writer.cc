@@ -96,15 +96,7 @@ Status VideoWriter::Finish(Existing existing) {
   const int wait_status = WaitForExit(process_id_, Deadline::AfterMs(kFinishMs));
   process_id_ = 0;
   if (wait_status != 0) return Failed();  // a signal, or another exit code than 0
-  const std::string film = FilmPath();
-  const bool keeps = existing == Existing::kKeep;
-  const char *from = film.c_str(), *to = path_.c_str();
-  if ((keeps ? RenameIfAbsent(from, to) : rename(from, to)) == 0) return Status();
-  if (keeps && errno == EEXIST) {
-    return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("{} appeared in the meantime and is kept", path_));
-  }
-  return IoError("replace", path_, errno);
+  return MoveTo(FilmPath(), path_, existing);
 }
 
 }  // namespace b4mrl

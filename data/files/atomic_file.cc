@@ -91,14 +91,7 @@ Status AtomicFile::Commit(Existing existing) {
     return Status(StatusCode::kFailedPrecondition, fmt::format("{} is already committed", path_));
   }
   if (fsync(fd_.get()) != 0) return IoError("flush", temporary_path_, errno);
-  const char *from = temporary_path_.c_str(), *to = path_.c_str();
-  const bool keeps = existing == Existing::kKeep;
-  const bool failed = (keeps ? RenameIfAbsent(from, to) : rename(from, to)) != 0;
-  if (failed && keeps && errno == EEXIST) {
-    return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("{} appeared in the meantime and is kept", path_));
-  }
-  if (failed) return IoError("replace", path_, errno);
+  B4MRL_RETURN_IF_ERROR(MoveTo(temporary_path_, path_, existing));
   // A child that another thread has just forked has the file open until it executes its program:
   // closing alone would leave the lock until then, and readers would take the file for one that is
   // being removed.
@@ -115,6 +108,18 @@ int RenameIfAbsent(const char* from, const char* to) {
     return -1;
   }
   return rename(from, to);
+}
+
+Status MoveTo(const std::string& from, const std::string& to, Existing existing) {
+  const bool keeps = existing == Existing::kKeep;
+  const int failed =
+      keeps ? RenameIfAbsent(from.c_str(), to.c_str()) : rename(from.c_str(), to.c_str());
+  if (failed == 0) return Status();
+  if (keeps && errno == EEXIST) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("{} appeared in the meantime and is kept", to));
+  }
+  return IoError("replace", to, errno);
 }
 
 Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path) {

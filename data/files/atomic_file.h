@@ -56,6 +56,8 @@ bool IsBeingWritten(const std::string& path);
 // Renames without replacing anything: -1, with errno EEXIST, if there is something at `to`. Where
 // the file system cannot do that, as NFS, what appears between the look and the rename is replaced.
 int RenameIfAbsent(const char* from, const char* to);
+// Puts a complete file in its place. kFailedPrecondition if one is there that is to be kept.
+Status MoveTo(const std::string& from, const std::string& to, Existing existing);
 // Writes all of `bytes` to `fd`; `path` is for error messages.
 Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path);
 // Makes renames and creations of files in `folder` durable (fsync of the folder).

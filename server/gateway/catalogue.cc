@@ -4,7 +4,6 @@
 #include <sys/stat.h>
 
 #include <ctime>
-#include <memory>
 #include <optional>
 #include <utility>
 
@@ -95,7 +94,7 @@ class ModelList {
 
 Catalogue::Catalogue(const std::string& models_folder,
                      std::function<std::vector<Benchmark>()> read_benchmarks, size_t page_bytes)
-    : models_folder_([list = std::make_shared<ModelList>(models_folder)] { return list->Read(); }),
+    : models_folder_([list = ModelList(models_folder)]() mutable { return list.Read(); }),
       page_bytes_(page_bytes - kEnvelopeRest),
       read_benchmarks_(std::move(read_benchmarks)) {}
 

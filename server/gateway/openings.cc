@@ -49,9 +49,9 @@ Openings::Openings(SharedState& shared, std::vector<DealerSocket> workers, Optio
 void Openings::Open(const Asker& from, const pb::Request& request) {
   const std::string& token = request.session_token();
   const uint64_t contents = HashOf(request.open());
-  const Result<bool> is_copy = IsCopy(from, token, contents);
-  if (is_copy.ok() && *is_copy) return AskAgain(from);
-  Status status = is_copy.ok() ? Admit(from) : is_copy.status();
+  const Result<const Waiting*> copied = FindCopied(from, token, contents);
+  if (copied.ok() && *copied != nullptr) return AskAgain((*copied)->generation);
+  Status status = copied.ok() ? Admit(from) : copied.status();
   if (!status.ok()) return reply_(from, status);
   const uint64_t number = Enter(from, request, contents);
   const std::string file = ModelFileOf(request.open());
@@ -79,19 +79,18 @@ void Openings::RefuseAll() {
   }
 }
 
-Result<bool> Openings::IsCopy(const Asker& from, const std::string& token,
-                              uint64_t contents) const {
+Result<const Openings::Waiting*> Openings::FindCopied(const Asker& from, const std::string& token,
+                                                      uint64_t contents) const {
   const auto peer = peers_.find(from.peer);
-  if (peer == peers_.end()) return false;
+  if (peer == peers_.end()) return nullptr;
   const auto number = peer->second.find(from.request_id);
-  if (number == peer->second.end()) return false;
+  if (number == peer->second.end()) return nullptr;
   const Waiting& waiting = waiting_.at(number->second);
-  if (waiting.token == token && waiting.contents == contents) return true;
+  if (waiting.token == token && waiting.contents == contents) return &waiting;
   return OtherContents(from.request_id);
 }
 
-void Openings::AskAgain(const Asker& from) {
-  const uint64_t generation = waiting_.at(peers_.at(from.peer).at(from.request_id)).generation;
+void Openings::AskAgain(uint64_t generation) {
   if (attaches_.contains(generation)) unsent_.insert(generation);
 }
 

@@ -94,11 +94,13 @@ class Openings {
   };
 
   Status Admit(const Asker& from) const;
-  // Whether this Open of `from` waits already. kInvalidArgument if another one with its id does.
-  Result<bool> IsCopy(const Asker& from, const std::string& token, uint64_t contents) const;
-  // Of an Open that waits: a worker drops an answer for which it has no room, as it does those of
-  // clients, and then only hears of it by a copy.
-  void AskAgain(const Asker& from);
+  // The Open that waits and of which this one is a copy; null if there is none. kInvalidArgument if
+  // another Open with its id waits.
+  Result<const Waiting*> FindCopied(const Asker& from, const std::string& token,
+                                    uint64_t contents) const;
+  // For a copy of an Open: a worker drops an answer for which it has no room, as it does those for
+  // clients, and only hears of that by being asked again.
+  void AskAgain(uint64_t generation);
   uint64_t Enter(const Asker& from, const pb::Request& request, uint64_t contents);
   // The next steps of Open `number`; an error ends the Open.
   Status CompileModel(uint64_t number, const pb::Request& request, const std::string& file);

@@ -207,14 +207,13 @@ size_t PreparationQueue<Product>::CountRunningOf(const Job& job) const {
   // Whoever joins other clients' jobs must not use up these clients' places.
   size_t least = SIZE_MAX;
   for (const Request& request : job.requests) {
-    if (!request.waits()) continue;
     const size_t running = std::ranges::count_if(jobs_, [&](const Job& other) {
       return other.place != nullptr && std::ranges::find(other.requests, request.client,
                                                          &Request::client) != other.requests.end();
     });
     least = std::min(least, running);
   }
-  return least == SIZE_MAX ? 0 : least;
+  return least;
 }
 
 template <typename Product>

@@ -118,7 +118,7 @@ sockaddr_un AddressOfFile(const std::string& checked_path) {
   return address;
 }
 
-std::string FolderOfSocket(const std::string& path) {
+std::string ParentOf(const std::string& path) {
   return std::filesystem::path(path).parent_path().string();
 }
 
@@ -182,7 +182,7 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to,
   B4MRL_ASSIGN_OR_RETURN(const std::string checked, ParseIpcAddress(name));
   const sockaddr_un address = AddressOfFile(checked);
   AwaitEndOfListening(address);
-  const UniqueFd lock = LockFolder(FolderOfSocket(checked));
+  const UniqueFd lock = LockFolder(ParentOf(checked));
   const FileState state = StateOf(address);
   if (state == FileState::kStale) unlink(address.sun_path);
   if (state == FileState::kNoSocket) {
@@ -271,7 +271,7 @@ Status FillDoors(Listeners* listeners) {
 // and its data folder too if that is the one in it which PrivateDaemon makes
 // (client/private_daemon.h): any other holds data of the user's.
 void OwnFolderOf(const std::string& path, const std::string& data_folder, Listeners* listeners) {
-  const std::string folder = FolderOfSocket(path);
+  const std::string folder = ParentOf(path);
   if (!std::filesystem::path(folder).filename().string().starts_with("b4mrl-")) return;
   listeners->private_folder = folder;
   const std::string data = listeners->private_folder + "/data";
@@ -332,7 +332,7 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   plan.tcp.clear();
   if (plan.ipc.empty()) {
     B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakeTemporaryFolder(kRelayFolder));
-    RemoveLeftRelayFolders(FolderOfSocket(listeners->private_folder));
+    RemoveLeftRelayFolders(ParentOf(listeners->private_folder));
     plan.ipc = {listeners->private_folder + "/relay"};
   }
   B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "tests/algorithms/tools/tool.h"
+#include "tests/algorithms/tools/dataset_commands.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 
@@ -13,29 +13,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class Exports {
- public:
-  Outcome Dataset(Words arguments) const {
-    arguments.insert(arguments.begin(), "dataset");
-    for (const std::string& word : {std::string("--data"), folder.File("data")}) {
-      arguments.push_back(word);
-    }
-    return Run(arguments);
-  }
+struct Exports : DatasetCommands {
   void Make(const std::string& name, const std::string& rows) const {
     REQUIRE(Dataset({"make", name, "--rows", rows}).exit_code == 0);
   }
-  nlohmann::json Info(const std::string& name, const Words& more = {}) const {
-    Words words = {"info", name, "--json"};
-    words.insert(words.end(), more.begin(), more.end());
-    const Outcome outcome = Dataset(words);
-    INFO(outcome.err);
-    REQUIRE(outcome.exit_code == 0);
-    return nlohmann::json::parse(outcome.out, nullptr, false);
-  }
   std::string Root() const { return folder.File("minari"); }
-
-  TemporaryFolder folder;
 };
 
 TEST_CASE("A dataset comes back from Minari's folder with equal columns and provenance") {

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "tests/algorithms/tools/tool.h"
+#include "tests/algorithms/tools/dataset_commands.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 
@@ -17,24 +17,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Imports {
-  TemporaryFolder folder;
-
-  Outcome Dataset(Words arguments) const {
-    arguments.insert(arguments.begin(), "dataset");
-    arguments.insert(arguments.end(), {"--data", folder.File("data")});
-    return Run(arguments);
-  }
-  nlohmann::json Info(const std::string& name) const {
-    const Outcome outcome = Dataset({"info", name, "--json"});
-    INFO(outcome.err);
-    REQUIRE(outcome.exit_code == 0);
-    return nlohmann::json::parse(outcome.out, nullptr, false);
-  }
-};
-
 TEST_CASE("Rows that were exported by D4RL's rule come back under it") {
-  const Imports imports;
+  const DatasetCommands imports;
   REQUIRE(imports.Dataset({"make", "Hopper/random", "--rows", "1500"}).exit_code == 0);
   const bool as_minari = GENERATE(false, true);
   INFO(as_minari);
@@ -58,7 +42,7 @@ TEST_CASE("Rows that were exported by D4RL's rule come back under it") {
 }
 
 TEST_CASE("An import says how many rows are not finite, or have actions out of bounds") {
-  const Imports imports;
+  const DatasetCommands imports;
   ExampleDataset data = MakeExampleDataset({50, 50}, 17, 6);
   for (float& action : data.actions) action = std::clamp(action, -1.0F, 1.0F);
   const std::string file = imports.folder.File("rows.h5");
@@ -77,7 +61,7 @@ TEST_CASE("An import says how many rows are not finite, or have actions out of b
 }
 
 TEST_CASE("What is no regular file is refused, and holes stay holes") {
-  const Imports imports;
+  const DatasetCommands imports;
   const std::string pipe = imports.folder.File("pipe.h5");
   REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
   for (const std::string& file : {pipe, std::string("/dev/zero")}) {
@@ -97,7 +81,7 @@ TEST_CASE("What is no regular file is refused, and holes stay holes") {
 }
 
 TEST_CASE("An import cannot take the place of a dataset that the project publishes") {
-  const Imports imports;
+  const DatasetCommands imports;
   const std::string file = imports.folder.File("own.h5");
   REQUIRE(WriteExample(file, MakeExampleDataset({700, 300}, 17, 6)).ok());
   for (const char* name :
@@ -111,7 +95,7 @@ TEST_CASE("An import cannot take the place of a dataset that the project publish
 }
 
 TEST_CASE("A name that is nearly an environment's, or not that of the file's own, is refused") {
-  const Imports imports;
+  const DatasetCommands imports;
   REQUIRE(imports.Dataset({"make", "HalfCheetah/random", "--rows", "1500"}).exit_code == 0);
   const std::string file = imports.folder.File("data/HalfCheetah/random-v0.h5");
   const Outcome misspelt = imports.Dataset({"import", file, "--name", "halfcheetah/mine"});
@@ -130,7 +114,7 @@ TEST_CASE("A name that is nearly an environment's, or not that of the file's own
 }
 
 TEST_CASE("A file of D4RL's that is there but is no dataset is not passed over") {
-  const Imports imports;
+  const DatasetCommands imports;
   const std::string folder = imports.folder.File("d4rl");
   fs::create_directories(folder);
   fs::create_directories(imports.folder.File("data/d4rl"));

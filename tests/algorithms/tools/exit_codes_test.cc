@@ -7,7 +7,7 @@
 
 #include "data/d4rl/dataset_file_reader.h"
 #include "data/files/atomic_file.h"
-#include "tests/algorithms/tools/tool.h"
+#include "tests/algorithms/tools/dataset_commands.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/results.h"
@@ -19,16 +19,6 @@ namespace fs = std::filesystem;
 
 const std::string kAgents = B4MRL_SOURCE_DIR "/data/agents/";
 
-struct Folders {
-  TemporaryFolder folder;
-
-  Outcome Dataset(Words words) const {
-    words.insert(words.begin(), "dataset");
-    words.insert(words.end(), {"--data", folder.File("data")});
-    return Run(words);
-  }
-};
-
 void CheckEnd(const Outcome& outcome, int exit_code, const std::string& words) {
   INFO(outcome.err);
   CHECK(outcome.exit_code == exit_code);
@@ -36,7 +26,7 @@ void CheckEnd(const Outcome& outcome, int exit_code, const std::string& words) {
 }
 
 TEST_CASE("Perturbations that cannot be read are a wrong option of every command") {
-  const Folders folders;
+  const DatasetCommands folders;
   const std::vector<Words> commands = {
       {"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--out",
        folders.folder.File("run"), "--simulator"},
@@ -57,7 +47,7 @@ TEST_CASE("Perturbations that cannot be read are a wrong option of every command
 }
 
 TEST_CASE("More rows than a run has are a wrong option, and an agent that does not fit is input") {
-  const Folders folders;
+  const DatasetCommands folders;
   CheckEnd(folders.Dataset({"make", "HalfCheetah/medium-replay", "--rows", "1e8"}), 2,
            "--rows is 100000000, allowed: 1..");
   const std::string no_agent = folders.folder.File("rows.h5");
@@ -71,7 +61,7 @@ TEST_CASE("More rows than a run has are a wrong option, and an agent that does n
 }
 
 TEST_CASE("An export that finds another process writing its file is told so by its code") {
-  const Folders folders;
+  const DatasetCommands folders;
   REQUIRE(folders.Dataset({"make", "Hopper/random", "--rows", "500"}).exit_code == 0);
   const std::string file = folders.folder.File("out.h5");
   const AtomicFile other = Take(AtomicFile::Create(file));
@@ -79,7 +69,7 @@ TEST_CASE("An export that finds another process writing its file is told so by i
 }
 
 TEST_CASE("More episodes than Minari takes are wrong input") {
-  const Folders folders;
+  const DatasetCommands folders;
   fs::create_directories(folders.folder.File("data/Mine"));
   RequireOk(WriteExample(folders.folder.File("data/Mine/short.h5"),
                          MakeExampleDataset(std::vector<size_t>(1'000'001, 1), 1, 1)));
@@ -89,7 +79,7 @@ TEST_CASE("More episodes than Minari takes are wrong input") {
 }
 
 TEST_CASE("A recording that contradicts itself is wrong input") {
-  const Folders folders;
+  const DatasetCommands folders;
   fs::create_directories(folders.folder.File("data"));
   DatasetProvenance provenance;
   provenance.environment = "HalfCheetah";
