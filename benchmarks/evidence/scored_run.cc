@@ -75,7 +75,6 @@ void SetApart(const PublishedDatasets& published, ScoredRun* run) {
     data = "D4RL's data";
   } else if (PublishedOtherwise(published, run->dataset_file, run->columns_sha256) != nullptr) {
     data = "other rows";
-    run->has_other_rows = true;
   }
   if (data.empty()) return;
   series.has_other_data = true;

@@ -49,11 +49,12 @@ struct ScoredRun {
   double core_hours = 0;
   std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
   bool is_part = false;
-  bool has_other_rows = false;  // than those published as its dataset
   std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
 
   // Whether it learned from a file of D4RL's.
   bool HasD4rlsData() const;
+  // Whether it learned from other rows than those published as its dataset.
+  bool HasOtherRows() const { return series.has_other_data && !HasD4rlsData(); }
   // The updates of its last evaluation within so many; nothing if it had none.
   std::optional<uint64_t> LastEvaluation(uint64_t end) const;
   // The run as it was at that evaluation.

@@ -165,7 +165,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations) {
   CellScore score;
   score.recipe = cell.runs.front()->series.recipe;
-  score.has_other_rows = cell.runs.front()->has_other_rows;
+  score.has_other_rows = cell.runs.front()->HasOtherRows();
   score.mean = cell.Mean();
   score.std = cell.Deviation();
   score.seeds = cell.runs.size();

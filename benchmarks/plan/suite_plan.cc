@@ -192,8 +192,7 @@ Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
   return all;
 }
 
-Status CheckServed(const SuiteChoice& choice, Client& client) {
-  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChooseBenchmarks(choice));
+Status CheckServed(const std::vector<Benchmark>& benchmarks, Client& client) {
   B4MRL_ASSIGN_OR_RETURN(const auto catalogue, client.Catalogue(true));
   std::set<std::string_view> served;
   for (const pb::BenchmarkInfo& info : catalogue.benchmarks()) served.insert(info.name());

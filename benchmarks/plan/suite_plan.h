@@ -42,9 +42,9 @@ nlohmann::json DescribeRows(const std::string& name, uint64_t rows,
 // The benchmarks that the patterns choose. kUnknownName for a pattern that fits none.
 Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice);
 
-// Whether the daemon of `client` has the chosen benchmarks, for which a learner of the user's own
-// asks it; the project's learners do not. kFailedPrecondition: it was started without their suite.
-Status CheckServed(const SuiteChoice& choice, Client& client);
+// Whether the daemon of `client` has the benchmarks, for which a learner of the user's own asks it;
+// the project's learners do not. kFailedPrecondition: it was started without their suite.
+Status CheckServed(const std::vector<Benchmark>& benchmarks, Client& client);
 
 // What the names of plans mean: the project's recipes, what the daemon of `client` knows and has.
 class PlanKnowledge {

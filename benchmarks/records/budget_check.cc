@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <optional>
 #include <set>
-#include <string_view>
 #include <utility>
 
 #include "benchmarks/records/json_file.h"
@@ -37,10 +36,10 @@ std::optional<PlannedRun> PlannedBy(Budget budget, const Json& result,
 
 // Whether one of the result's benchmarks is in a suite; none is where the suite was not given.
 bool HasKnownBenchmark(const Json& result, const CheckSources& sources) {
-  std::set<std::string_view> known;
-  for (const Benchmark& benchmark : sources.benchmarks) known.insert(benchmark.name);
-  return std::ranges::any_of(TextsOf(result, "benchmarks"),
-                             [&](const std::string& name) { return known.contains(name); });
+  return std::ranges::any_of(TextsOf(result, "benchmarks"), [&](const std::string& name) {
+    return std::ranges::find(sources.benchmarks, name, &Benchmark::name) !=
+           sources.benchmarks.end();
+  });
 }
 
 // Of a result that names this budget.

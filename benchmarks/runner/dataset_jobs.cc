@@ -41,13 +41,16 @@ Result<std::optional<UsedDataset>> DatasetJobs::LearnedFrom(const PlannedRun& ru
 }
 
 void DatasetJobs::NoteRowsAtHand(bool counts, std::vector<PlannedRun>* plan) const {
+  const auto listed = ListUsed();
+  if (!listed.ok()) return;                  // nothing is known
   std::map<std::string, std::string> known;  // hashes by full name
+  for (const UsedDataset& dataset : *listed) known[dataset.name] = dataset.columns_sha256;
   for (PlannedRun& run : *plan) {
-    if (run.dataset.empty()) continue;
-    const auto [entry, is_new] = known.emplace(run.full_dataset, "");
-    if (is_new) {
-      const auto found = counts ? FindCounted(run.full_dataset) : Find(run.full_dataset);
-      if (found.ok() && *found) entry->second = (*found)->columns_sha256;
+    const auto entry = known.find(run.full_dataset);
+    if (entry == known.end()) continue;
+    if (counts && entry->second.empty()) {
+      const auto counted = FindCounted(run.full_dataset);
+      if (counted.ok() && *counted) entry->second = (*counted)->columns_sha256;
     }
     run.rows_at_hand = entry->second;
   }

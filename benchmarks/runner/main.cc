@@ -258,7 +258,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   options.commit = BuildCommit();
   const bool looks = work == PlanWork::kShow || (work == PlanWork::kTrain && dry_run);
   // A mistake in a suite or a pattern is told as such, not as a daemon that does not start.
-  B4MRL_RETURN_IF_ERROR(ChooseBenchmarks(choice).status());
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChooseBenchmarks(choice));
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
     options.data_folder = fs::absolute(options.data_folder, error);
@@ -277,7 +277,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
   if (!daemon) options.data_folder = daemon_status.data_folder();
   if (!daemon && choice.learner && work != PlanWork::kShow) {
-    B4MRL_RETURN_IF_ERROR(CheckServed(choice, client));
+    B4MRL_RETURN_IF_ERROR(CheckServed(benchmarks, client));
   }
   B4MRL_ASSIGN_OR_RETURN(SuitePlan suite, PlanSuite(choice, chosen, client));
   if (suite.runs.empty()) {
@@ -299,7 +299,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   }
   // A learner of the user's own trains again on rows that were replaced, which it opens anyway.
   datasets.NoteRowsAtHand(trains && choice.learner.has_value(), &suite.runs);
-  const std::vector<PlannedRun>& plan = suite.runs;
+  std::vector<PlannedRun>& plan = suite.runs;
   if (work == PlanWork::kSubmit) return Submit(plan);
   if (looks) {
     const PlanStatus status =

@@ -24,8 +24,8 @@ namespace b4mrl {
 
 namespace fs = std::filesystem;
 
-Runner::Runner(const RunnerOptions& options, const Budget& budget,
-               const std::vector<PlannedRun>& plan, Client& client)
+Runner::Runner(const RunnerOptions& options, const Budget& budget, std::vector<PlannedRun>& plan,
+               Client& client)
     : options_(options),
       budget_(budget),
       client_(client),
@@ -33,7 +33,7 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
                          budget.rows.has_value()}),
       end_(Deadline::AfterMs(static_cast<int64_t>(options.hours * 3'600'000))),
       line_(options.quiet) {
-  for (const PlannedRun& run : plan) {
+  for (PlannedRun& run : plan) {
     waiting_.push_back(tasks_.size());
     tasks_.push_back(
         {.run = &run, .folder = RunFolder(options.folder, run), .target = run.updates});
@@ -172,7 +172,8 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       Fail(task, refusal);
       return true;
     }
-    columns = dataset->columns_sha256;
+    // The dataset may be another one than when the runner began.
+    columns = task.run->rows_at_hand = dataset->columns_sha256;
   }
   RemoveFailure(task.folder);
   const bool has_learned = run.is_users() && HasLearned(run, task.folder, columns);

@@ -65,7 +65,7 @@ struct RunnerSummary {
 class Runner {
  public:
   // `client` is connected to a daemon on options.data_folder; all references outlive the runner.
-  Runner(const RunnerOptions& options, const Budget& budget, const std::vector<PlannedRun>& plan,
+  Runner(const RunnerOptions& options, const Budget& budget, std::vector<PlannedRun>& plan,
          Client& client);
 
   // Makes the folders and works until nothing is left to do. An error is one of the folders, or
@@ -74,7 +74,7 @@ class Runner {
 
  private:
   struct Task {
-    const PlannedRun* run = nullptr;
+    PlannedRun* run = nullptr;
     std::string folder;
     uint64_t target = 0;   // updates to train for; run->updates, or more until it is settled
     uint64_t updates = 0;  // of its last evaluation

@@ -134,40 +134,28 @@ TEST_CASE("Rows of different data, precisions or scorers are no entry") {
   }
 }
 
-TEST_CASE("Results on other rows are a row of their own") {
-  Results results;
-  results.Add(ResultOf("mine", 0, 10));
-  Json other = ResultOf("mine", 1, 20);
-  other["dataset"]["columns_sha256"] = "bb";
-  results.Add(other);
-  const auto rows = results.Rows();
-  REQUIRE(rows.size() == 4);
-  CHECK(rows[0].starts_with("E/a,mine,,own,E/data-v0,9,bb,20.00,,200.0,,1,"));
-  CHECK(rows[1].starts_with("E/a,mine,,own,E/data-v0,9,aa,10.00,,100.0,,1,"));
-}
-
-TEST_CASE("Results of a benchmark that meant another world before are a row of their own") {
-  for (const char* key : {"simulator", "corruption", "world"}) {
-    CAPTURE(key);
+TEST_CASE("Results on other rows, of another world or another scorer are a row of their own") {
+  struct Change {
+    const char *key, *value, *row;
+  };
+  for (const Change& change :
+       {Change{"/dataset/columns_sha256", "bb", "E/a,mine,,own,E/data-v0,9,bb,20.00,,200.0,,1,"},
+        Change{"/simulator", "friction=2", "E/a,mine,,own,E/data-v0,9,aa,20.00,,200.0,,1,"},
+        Change{"/corruption", "friction=2", "E/a,mine,,own,E/data-v0,9,aa,20.00,,200.0,,1,"},
+        Change{"/world", "friction=2", "E/a,mine,,own,E/data-v0,9,aa,20.00,,200.0,,1,"},
+        Change{"/source", "self-scored",
+               "E/a,mine,,self-scored,E/data-v0,9,aa,20.00,,200.0,,1,"}}) {
+    CAPTURE(change.key);
     Results results;
     results.Add(ResultOf("mine", 0, 10));
     Json other = ResultOf("mine", 1, 20);
-    other[key] = "friction=2";
+    other[Json::json_pointer(change.key)] = change.value;
     results.Add(other);
-    CHECK(results.Rows().size() == 4);
+    const auto rows = results.Rows();
+    REQUIRE(rows.size() == 4);
+    CHECK(rows[0].starts_with(change.row));
+    CHECK(rows[1].starts_with("E/a,mine,,own,E/data-v0,9,aa,10.00,,100.0,,1,"));
   }
-}
-
-TEST_CASE("Results that their author has scored are a row of their own") {
-  Results results;
-  results.Add(ResultOf("mine", 0, 10));
-  Json own_score = ResultOf("mine", 1, 90);
-  own_score["source"] = "self-scored";
-  results.Add(own_score);
-  const auto rows = results.Rows();
-  REQUIRE(rows.size() == 4);
-  CHECK(rows[0].starts_with("E/a,mine,,self-scored,E/data-v0,9,aa,90.00,"));
-  CHECK(rows[1].starts_with("E/a,mine,,own,E/data-v0,9,aa,10.00,"));
 }
 
 TEST_CASE("Control characters of a name reach no terminal") {

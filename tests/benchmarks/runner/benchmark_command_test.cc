@@ -7,10 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "client/private_daemon.h"
 #include "data/files/atomic_file.h"
 #include "tests/benchmarks/runner/suite.h"
-#include "tests/results.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -130,11 +129,8 @@ TEST_CASE("Two runners on one folder share the work") {
 
 TEST_CASE("All processes of a suite use the daemon at an address") {
   const Suite suite("td3-bc = 20, bc = 20");
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = suite.File("data");
-  REQUIRE(fs::create_directory(options.data_folder));
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
+  REQUIRE(fs::create_directory(suite.File("data")));
+  const PrivateDaemon daemon = StartDaemon({.data_folder = suite.File("data")});
   const std::string address = daemon.endpoint();
   Tool one(suite.Command({"--endpoint", address, "--jobs", "1"})),
       other(suite.Command({"--endpoint", address, "--jobs", "1"}));

@@ -6,9 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "client/private_daemon.h"
 #include "tests/benchmarks/runner/suite.h"
-#include "tests/results.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -341,11 +340,8 @@ TEST_CASE("A curve that cannot be understood is left out, and the training count
 
 TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
   const UsersSuite suite;
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = suite.File("data");
-  REQUIRE(std::filesystem::create_directory(options.data_folder));
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
+  REQUIRE(std::filesystem::create_directory(suite.File("data")));
+  const PrivateDaemon daemon = StartDaemon({.data_folder = suite.File("data")});
   const std::string kill = fmt::format(
       "echo '{{\"returns\": [1]}}' > \"$B4MRL_OUT/returns.json\"; "
       "test -e {0} || {{ touch {0}; kill -9 {1}; }}",
@@ -360,7 +356,7 @@ TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
 
   // What has trained to its end is not trained again.
   const Outcome again =
-      suite.Train(kill, "mine", {"--jobs", "1", "--data-folder", options.data_folder});
+      suite.Train(kill, "mine", {"--jobs", "1", "--data-folder", suite.File("data")});
   INFO(again.out << again.err);
   CHECK(again.exit_code == 0);
   CHECK(suite.Results(false).size() == 2);

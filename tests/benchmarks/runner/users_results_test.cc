@@ -4,9 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "client/private_daemon.h"
 #include "tests/benchmarks/runner/suite.h"
-#include "tests/results.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -85,10 +84,7 @@ TEST_CASE("A learner is not started where the daemon lacks the suite of its benc
              "version = \"v0\"\nenvironment = \"HalfCheetah\"\n[[challenge]]\n"
              "name = \"confounding\"\ncorruptions = [\"hidden-low\"]\nlabel = \"hidden-mine\"\n"
              "datasets = [\"medium\"]\n");
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = suites.path();
-  const PrivateDaemon elsewhere = Take(PrivateDaemon::Start(options));
+  const PrivateDaemon elsewhere = StartDaemon({.data_folder = suites.path()});
   const Outcome outcome = suite.Train(
       kStopsEarly, "mine", {"--suites", suites.path(), "--endpoint", elsewhere.endpoint()});
   INFO(outcome.out << outcome.err);

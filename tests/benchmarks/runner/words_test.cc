@@ -2,9 +2,8 @@
 #include <catch2/catch.hpp>
 #include <string>
 
-#include "client/private_daemon.h"
 #include "tests/benchmarks/runner/suite.h"
-#include "tests/results.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -64,10 +63,7 @@ TEST_CASE("A perturbation that a suite misspells is found before anything is tra
   WriteBytes(suites.File("bad.toml"),
              "version = \"v0\"\nenvironment = \"Hopper\"\n[[challenge]]\nname = \"bad\"\n"
              "simulators = [\"legg=0.9\"]\n");
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = suites.path();
-  const PrivateDaemon elsewhere = Take(PrivateDaemon::Start(options));
+  const PrivateDaemon elsewhere = StartDaemon({.data_folder = suites.path()});
   for (const Words& more : {Words(), Words{"--endpoint", elsewhere.endpoint()}}) {
     Words words = {"benchmark", "run", "--dry-run", "Hopper/bad/*", "--suites", suites.path()};
     words.insert(words.end(), more.begin(), more.end());
